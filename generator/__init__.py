@@ -1,7 +1,7 @@
 """Physically based synthetic night-sky frames, with complete truth.
 
-A scenario file and a frame index become an image, the expected electrons behind it, a frame record and a table of every
-star in the field. The stages: catalogue, apparent places, atmosphere, Mitsuba scene, expected electrons, detector.
+A scenario file and a frame index give an image, the expected electrons behind it, a frame record and a table of every
+star in the field. The stages are: catalogue, apparent places, atmosphere, Mitsuba scene, expected electrons, detector.
 """
 
 from importlib.metadata import version

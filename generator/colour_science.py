@@ -1,7 +1,8 @@
-"""The one door to colour-science and colour-demosaicing: imported when first needed, without effects on this process.
+"""Access to colour-science and colour-demosaicing: imported only when needed, without side effects on this process.
 
-Their import takes over a second, switches NumPy's printing of all numbers to that of version 1.13, adds filters of warnings,
-and warns of optional packages that are missing and of names that SciPy has moved. The functions below undo all of this.
+Importing them takes over a second, switches NumPy's printing of all numbers to that of version 1.13, adds warning
+filters, and warns about missing optional packages and about names that SciPy has moved. The functions below undo these
+effects. The generator uses both packages through this module only.
 """
 
 from __future__ import annotations
@@ -43,6 +44,6 @@ def colour_demosaicing() -> Any:
 
 
 def srgb_encoded(linear: Floats) -> Floats:
-    """Values from 0 to 1 after the transfer curve of sRGB (IEC 61966-2-1), of linear values from 0 to 1."""
+    """Apply the transfer curve of sRGB (IEC 61966-2-1) to linear values from 0 to 1; the result is from 0 to 1."""
     encoded: Floats = colour().cctf_encoding(linear, function="sRGB")
     return encoded

@@ -1,4 +1,4 @@
-"""The one reader of the generator's CSV files: numbers under named columns, bounded in size, errors that name the place."""
+"""Reader of the generator's CSV files: numbers in named columns, of limited size, with errors that name the place."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 LARGEST_ROW_BYTES = 1024
-"""On average over a file; 64 columns of full double precision take less."""
+"""Bytes per row, on average over a file; 64 columns of full double precision take less."""
 COMMENT = "#"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 class CsvError(ValueError):
-    """The file is not such a table; the message names the file, the line, the column, what was found and what is expected."""
+    """The file is not a valid table; the message names the file, line and column, what was found and what is expected."""
 
 
 @dataclass(frozen=True)
@@ -50,27 +50,28 @@ def read_csv(
 ) -> CsvTable:
     """Read a comma-separated table: UTF-8, one header line, then one line per row; blank lines are skipped.
 
-    Lines in front of the header may be comments that start with #.
+    Lines before the header may be comments that start with #.
 
     Parameters
     ----------
     path : Path
         A regular file.
     name : str
-        How messages name it.
+        Name of the file in messages.
     columns : sequence of str, optional
-        The columns that it must have, in order; any unless given.
+        Required columns, in order; without them, any columns are accepted.
     least_rows, most_rows : int
-        Rows that it may have.
+        Allowed range of the number of rows.
     increasing : bool
         Whether the first column must increase from row to row.
     first_column : mapping of str to callable, optional
-        For names of the first column: what makes a number of a cell, or raises ValueError with what is wrong.
+        For each accepted name of the first column, a function that converts a cell to a number, or raises ValueError
+        with the problem.
 
     Raises
     ------
     CsvError
-        The file cannot be read or is not such a table.
+        The file cannot be read or is not a valid table.
     """
     lines = _lines(path, name, most_rows)
     number, header = next(lines, (1, ""))
@@ -100,7 +101,7 @@ def read_csv(
 
 
 def _lines(path: Path, name: str, most_rows: int) -> Iterator[tuple[int, str]]:
-    """Lines that are neither blank nor leading comments, with their numbers from 1."""
+    """Yield the lines that are neither blank nor leading comments, with their line numbers from 1."""
     limit = LARGEST_ROW_BYTES * (most_rows + 1)
     try:
         if not path.is_file():
@@ -122,7 +123,7 @@ def _lines(path: Path, name: str, most_rows: int) -> Iterator[tuple[int, str]]:
 def _fault(
     name: str, rows: Sequence[tuple[int, str]], columns: tuple[str, ...], convert: Callable[[str], float] | None
 ) -> CsvError | None:
-    """The first cell that is not a finite number, or the first row of another length."""
+    """Describe the first cell that is not a finite number, or the first row with a wrong number of cells."""
     for number, line in rows:
         cells = line.split(",")
         if len(cells) != len(columns):

@@ -1,9 +1,9 @@
-"""Arrays where Dr.Jit reads them as its own.
+"""Arrays at addresses that suit Dr.Jit.
 
-Dr.Jit takes a NumPy array as it lies in memory. Where its address is no multiple of a vector's bytes, kernels that read it
-lane by lane have another text and are compiled anew, and look-ups of four numbers become four look-ups. NumPy's addresses are
-multiples of 16 bytes alone, and vary from one process to the next. Arrays that are only looked up number by number may lie
-anywhere.
+Dr.Jit uses a NumPy array in place, without copying it. If its address is not a multiple of the size of a vector,
+kernels that read it lane by lane differ in their text and are compiled again, and a look-up of four numbers becomes
+four look-ups. NumPy only guarantees addresses that are multiples of 16 bytes, and they vary from one process to the
+next. Arrays that are only looked up number by number may be at any address.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 ALIGNMENT = 128
-"""Bytes of a vector of 16 numbers in double precision, the longest that Dr.Jit loads at once."""
+"""Size in bytes of a vector of 16 double-precision numbers, the longest that Dr.Jit loads at once."""
 
 
 def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """Zeros at an address that is a multiple of ALIGNMENT."""
+    """Return an array of zeros whose address is a multiple of ALIGNMENT."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
     store = np.zeros(size + ALIGNMENT, np.uint8)
     start = -store.__array_interface__["data"][0] % ALIGNMENT
@@ -27,7 +27,7 @@ def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
 
 
 def aligned(values: NDArray[Any]) -> NDArray[Any]:
-    """The array row by row at an address that is a multiple of ALIGNMENT; a copy only where it does not lie so."""
+    """Return the array in row-major order at an address that is a multiple of ALIGNMENT; copies it only if necessary."""
     values = np.ascontiguousarray(values)
     if values.__array_interface__["data"][0] % ALIGNMENT == 0:
         return values

@@ -1,22 +1,22 @@
-"""Errors of the generator; the type says what the user can change: scenario, data files, time or installation."""
+"""Errors of the generator. The type says what the user can change: scenario, data files, time or installation."""
 
 from __future__ import annotations
 
 
 class GeneratorError(Exception):
-    """Base of the generator's errors. The message is one line, or a short list, that names the remedy."""
+    """Base of the generator's errors. The message is one line, or a short list, and names the remedy."""
 
 
 class ScenarioError(GeneratorError):
-    """A scenario file is not acceptable: names the file, the key, what was found and what is allowed."""
+    """A scenario file is not acceptable; the message names the file, the key, what was found and what is allowed."""
 
 
 class DataFileError(GeneratorError):
-    """A data file of the generator is missing, truncated or of another format."""
+    """A data file of the generator is missing, truncated or in another format."""
 
 
 class TimeRangeError(GeneratorError):
-    """A time lies outside the Earth orientation table."""
+    """A time is outside the Earth orientation table."""
 
 
 class RuntimeUnavailableError(GeneratorError):

@@ -1,4 +1,4 @@
-"""Files: written whole or absent under their final names, never outside the folder that was asked for; read within limits."""
+"""Files: written completely or not at all, never outside the requested folder, and read within size limits."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from generator.errors import GeneratorError
 
 @contextmanager
 def atomic_path(path: Path, prefix: str = "") -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success flush it to disk and rename it to `path`.
+    """Yield a temporary path next to `path`; on success flush it to disk and rename it to `path`.
 
-    The folder is made if it is missing. On any error the temporary file is removed and `path` is left as it was.
+    The folder is created if it is missing. On any error the temporary file is removed and `path` is left unchanged.
 
     Parameters
     ----------
     path : Path
         The final name.
     prefix : str
-        Start of the temporary name, by which files of killed processes can be found; a dot and the stem of `path` unless
-        given. The temporary name keeps the suffix of `path`, for writers that choose a format by it.
+        Start of the temporary name, by which files left by killed processes can be found; by default a dot and the stem
+        of `path`. The temporary name keeps the suffix of `path`, for writers that choose a format by it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=prefix or f".{path.stem}-", suffix=path.suffix, dir=path.parent)
@@ -45,27 +45,28 @@ def atomic_path(path: Path, prefix: str = "") -> Iterator[Path]:
 
 @functools.cache
 def _umask() -> int:
-    """What this process keeps from others; it can only be read by setting it, so once."""
+    """Return this process' umask. It can only be read by setting it, so this is done once."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write `data` to `path` atomically; the folder is made if it is missing."""
+    """Write `data` to `path` atomically; the folder is created if it is missing."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
 
 
 def read_at_most(path: Path, most: int) -> bytes:
-    """Read a file of unknown origin: a regular one, of at most so many bytes.
+    """Read a file of unknown origin, which must be a regular file of at most `most` bytes.
 
-    What a name says of a size need not hold for what is opened: devices are endless, and pipes wait for a writer.
+    The type and size are those of the opened file, because a path can lead to an endless device or to a pipe that waits
+    for a writer.
 
     Raises
     ------
     OSError
-        It cannot be read, is no regular file, or is larger.
+        The file cannot be read, is not a regular file, or is larger.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with open(handle, "rb") as stream:
@@ -79,20 +80,20 @@ def read_at_most(path: Path, most: int) -> bytes:
 
 
 def read_text_at_most(path: Path, most: int) -> str:
-    """Read a text in UTF-8 as `read_at_most` does, with newlines as Python has them. Raises OSError or UnicodeDecodeError."""
+    """Read a UTF-8 text as `read_at_most` does, with single newlines as line ends. Raises OSError or UnicodeDecodeError."""
     return read_at_most(path, most).decode("utf-8").replace("\r\n", "\n")
 
 
 def path_within(folder: Path, place: str) -> Path:
-    """Join a folder and a relative path with / between its parts, such that the result lies in the folder.
+    """Join a folder and a relative path with / between its parts, such that the result is inside the folder.
 
-    Every name that comes from a file of unknown origin goes through this function before anything is opened under it.
-    Links inside the folder are not resolved.
+    Every name that comes from a file of unknown origin must pass through this function before it is used to open
+    anything. Links inside the folder are not resolved.
 
     Raises
     ------
     GeneratorError
-        `place` is empty, absolute or not in its shortest form, has a part ``..``, or holds a backslash or a control
+        `place` is empty, absolute or not in its shortest form, has a part ``..``, or contains a backslash or a control
         character.
     """
     relative = PurePosixPath(place)
@@ -107,17 +108,18 @@ def path_within(folder: Path, place: str) -> Path:
 def linked_within(folder: Path, place: str) -> Path:
     """Join a folder and a relative path as `path_within` does, and refuse a link that leads out of the folder.
 
-    For files that a stranger has put into the folder: what a link leads to is not the stranger's to hand on.
+    This is for folders with files from a third party, who could otherwise use a link to expose files outside the
+    folder.
 
     Raises
     ------
     GeneratorError
-        As of `path_within`; or a part of the path is a link to somewhere else, or to itself.
+        As for `path_within`; or a part of the path is a link that leads out of the folder or to itself.
     """
     path = path_within(folder, place)
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # Python up to 3.12 raises RuntimeError of links that go in a circle
+    except (OSError, RuntimeError):  # Python up to 3.12 raises RuntimeError for circular links
         inside = False
     if not inside:
         raise GeneratorError(

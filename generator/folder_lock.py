@@ -1,4 +1,4 @@
-"""One writer at a time in a folder of frames: the system's lock on the folder, which ends with its process."""
+"""One writer at a time in a folder of frames, by a lock of the operating system, which ends with the process."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from generator.errors import GeneratorError
 
 @contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Keep other runs on this machine out of a folder while this one writes it; the folder is made if it is missing.
+    """Keep other runs on this machine from writing a folder while this one does; the folder is created if it is missing.
 
-    Nothing is left in the folder, whenever the process ends. A file system without locks lets everybody in.
+    No lock file remains in the folder, however the process ends. On a file system without locks, nobody is kept out.
 
     Raises
     ------
     GeneratorError
-        Another run writes the folder, or it cannot be made.
+        Another run is writing the folder, or the folder cannot be created.
     """
-    if sys.platform == "win32":  # folders cannot be opened there
+    if sys.platform == "win32":  # Windows cannot open folders
         yield
         return
     import fcntl

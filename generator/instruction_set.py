@@ -1,12 +1,13 @@
-"""The processor's instructions that NumPy and its linear algebra compute with: AVX2's, whatever more a processor has.
+"""Restrict NumPy and its linear algebra to AVX2 instructions, even on processors that have more.
 
-NumPy's exponentials and OpenBLAS's products have other last digits with AVX-512 than with AVX2, enough to move some pixels of
-a frame by a step. Frames are the same bytes on every x86-64 processor since Haswell (2013) and Zen because all take the same
-instructions, and because kernels of Dr.Jit use no approximate ones (``rsqrt``), whose results are their makers' choice.
+NumPy's exponentials and OpenBLAS's products have other last digits with AVX-512 than with AVX2, enough to move some
+pixels of a frame by one step. Frames are the same bytes on every x86-64 processor since Haswell (2013) and Zen because
+all use the same instructions, and because kernels of Dr.Jit use no approximate ones (``rsqrt``), whose results differ
+between manufacturers.
 
-Both libraries choose when they are loaded. This module imports nothing but Python's own and must come first. After NumPy it
-does nothing, and workers of such a process (`multiprocessing`) compute as it does. Other kinds of processors and systems
-compute with what they have.
+Both libraries choose their instructions when they are loaded. This module therefore imports only the standard library
+and must be imported first. After NumPy has been loaded it does nothing, and worker processes (`multiprocessing`)
+compute as their parent does. Other kinds of processors and systems use whatever instructions they have.
 """
 
 from __future__ import annotations
@@ -23,28 +24,29 @@ OPENBLAS_KERNELS = "Haswell"
 NUMPY_VARIABLES = ("NPY_ENABLE_CPU_FEATURES", "NPY_DISABLE_CPU_FEATURES")
 NUMPY_FEATURE = "X86_V3"
 FIRST_NUMPY = (2, 4)
-"""Version of NumPy that first has a feature of this name; earlier ones choose by themselves."""
+"""First version of NumPy with a feature of this name; earlier versions make their own choice."""
 NEEDED = frozenset({"avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "abm"})
-"""What Linux calls the instructions of x86-64-v3 beyond v2."""
+"""Linux' names of the instructions that x86-64-v3 adds to v2."""
 PROCESSOR = Path("/proc/cpuinfo")
 UNSETTLED_VARIABLE = "SKYBENCH_UNSETTLED_INSTRUCTIONS"
-"""Tells workers that the process that starts them had loaded NumPy before skybench."""
+"""Environment variable that tells workers that their parent process had loaded NumPy before skybench."""
 
 
 def settle(environment: MutableMapping[str, str] = os.environ, processor: Path = PROCESSOR) -> bool:
-    """Let NumPy and OpenBLAS take AVX2 when they are loaded; what the user has set stays.
+    """Make NumPy and OpenBLAS use AVX2 when they are loaded; settings made by the user are kept.
 
     Parameters
     ----------
     environment : mapping of str to str
-        Variables of this process, which its children get too.
+        Environment variables of this process, which its children inherit.
     processor : Path
         Linux' description of the processor.
 
     Returns
     -------
     bool
-        False where NumPy is loaded already, or the processor is another or unknown: nothing is changed.
+        False if nothing was settled, because NumPy is already loaded (which workers learn by UNSETTLED_VARIABLE), or the
+        processor is of another kind or unknown.
     """
     if "numpy" in sys.modules:
         if NUMPY_VARIABLES[0] not in environment:

@@ -1,8 +1,8 @@
-"""Finding the libraries of Mitsuba, and starting it once.
+"""Find the libraries of Mitsuba, and start it once.
 
-Mitsuba's LLVM variants load ``libLLVM`` when first imported, by the environment variable ``DRJIT_LIBLLVM_PATH``; set later it
-is ignored. LLVM older than 17 aborts the process at the first real kernel, which no ``except`` catches, so every candidate
-is first tried in a separate process.
+Mitsuba's LLVM variants load ``libLLVM`` when first imported, from the path in the environment variable
+``DRJIT_LIBLLVM_PATH``; setting it later has no effect. LLVM older than 17 aborts the process at the first real kernel,
+which no ``except`` catches, so every candidate is first tried in a separate process.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 MINIMUM_LLVM = 17
 PROBE_TIMEOUT_S = 120.0
 LEAST_ADDRESS_SPACE = 1_250_000_000
-"""Bytes. LLVM ends the process where memory is lacking, and a frame cannot be rendered in less."""
+"""Bytes. LLVM ends the process if it runs out of memory, and a frame cannot be rendered with less."""
 
 REMEDY = (
     "install LLVM >= 17: on Linux x86-64 `pip install karellen-llvm-core==23.1.4.post8`, elsewhere your system's package "
@@ -64,16 +64,16 @@ assert drjit.all(drjit.sqrt(value) == drjit.cuda.Float([1.0, 2.0]))
 
 @dataclass(frozen=True)
 class LlvmLibrary:
-    """An LLVM library that was tried.
+    """A candidate LLVM library and the result of the trial.
 
     Attributes
     ----------
     path : str
     version : str
-        Such as ``23.1.4``; empty when the library could not be loaded.
+        Such as ``23.1.4``; empty if the library could not be loaded.
     usable : bool
     problem : str
-        Why it is not usable; empty when it is.
+        Why it is not usable; empty if it is.
     """
 
     path: str
@@ -98,7 +98,7 @@ def _probe(path: str) -> LlvmLibrary:
 
 
 def _probe_remembered(path: str) -> LlvmLibrary:
-    """Probe a library, or recall the result for the same file (path, size, time) from the user's cache folder."""
+    """Probe a library, or return the stored result for the same file (path, size, time) from the user's cache folder."""
     try:
         resolved = Path(path).resolve(strict=True)
         state = resolved.stat()
@@ -123,7 +123,7 @@ def _probe_remembered(path: str) -> LlvmLibrary:
 
 
 def llvm_candidates() -> Iterator[str]:
-    """Libraries to try, best first: the environment's choice alone if there is one, else pip's, else the system's."""
+    """Yield libraries to try, best first: only the one set in the environment if any, else pip's, else the system's."""
     chosen = os.environ.get(LLVM_VARIABLE)
     if chosen:
         yield chosen
@@ -148,7 +148,7 @@ def find_llvm() -> LlvmLibrary:
     Raises
     ------
     RuntimeUnavailableError
-        No library is usable; the message lists those tried, and the remedy.
+        No library is usable; the message lists those tried and the remedy.
     """
     tried = []
     for path in llvm_candidates():
@@ -176,7 +176,7 @@ def cuda_works() -> bool:
 
 
 def choose_variant() -> str:
-    """Return the Mitsuba variant to use: that of ``SKYBENCH_VARIANT``, else CUDA where a GPU works, else LLVM."""
+    """Return the Mitsuba variant to use: that of ``SKYBENCH_VARIANT``, else CUDA if a GPU works, else LLVM."""
     asked = os.environ.get(VARIANT_VARIABLE)
     if asked:
         if asked not in VARIANTS:
@@ -189,16 +189,16 @@ def choose_variant() -> str:
 
 @functools.cache
 def start(variant: str | None = None) -> Any:
-    """Import Mitsuba with the right variant and return the module; the first call decides.
+    """Import Mitsuba with the right variant and return the module; the first call determines the variant.
 
     :func:`generator.plugins.start` does the same and registers the plugins of the night sky.
 
     Raises
     ------
     MemoryError
-        The process may not have LEAST_ADDRESS_SPACE.
+        The process is limited to less than LEAST_ADDRESS_SPACE.
     RuntimeUnavailableError
-        There is no usable LLVM, or not the variant that is asked for.
+        There is no usable LLVM, or the requested variant is not available.
     """
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     if allowed != resource.RLIM_INFINITY and allowed < LEAST_ADDRESS_SPACE:

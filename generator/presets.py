@@ -1,4 +1,4 @@
-"""What a scenario can call by a name: cameras, quantum efficiencies, attitudes, Bortle classes, lamps."""
+"""Named values of scenarios: cameras, quantum efficiencies, attitudes, Bortle classes, lamps."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ class Named:
     Attributes
     ----------
     name : str
-        As `preset_named` knows it.
+        Name as `preset_named` accepts it.
     kind : str
         One of `KINDS`.
     title : str
     source : str
-        Of its values.
+        Source of the values.
     """
 
     name: str
@@ -72,10 +72,10 @@ class Preset:
     ----------
     named : Named
     values : mapping of str to object
-        What the name sets, as a scenario would have it.
+        Values that the name sets, in the form of a scenario.
     defaults : mapping of str to object
-        Of a camera: the rest of the scenario's sections ``camera`` and ``sensor``, which the name does not set;
-        keys without a value are left out.
+        For a camera: the keys of the scenario's sections ``camera`` and ``sensor`` that the name does not set, with
+        their defaults; keys without a value are omitted.
     """
 
     named: Named
@@ -84,7 +84,7 @@ class Preset:
 
 
 def all_named() -> tuple[Named, ...]:
-    """Every name, by kind."""
+    """Return every name, ordered by kind."""
     cameras = [
         Named(name, CAMERA, preset.title, f"{preset.source} {labelled(name)}") for name, preset in PRESETS.items()
     ]
@@ -106,12 +106,12 @@ def all_named() -> tuple[Named, ...]:
 
 
 def preset_named(name: str) -> Preset:
-    """Return a name's values.
+    """Return the values of a name.
 
     Raises
     ------
     GeneratorError
-        There is no such name; lists those that exist.
+        There is no such name; the message lists those that exist.
     """
     listed = {named.name: named for named in all_named()}
     if name not in listed:
@@ -124,7 +124,7 @@ def preset_named(name: str) -> Preset:
 
 
 def _defaults_beside(name: str) -> dict[str, Any]:
-    """Values of a camera's two sections that its preset leaves to skybench's defaults."""
+    """Return the values of a camera's two sections that its preset leaves to skybench's defaults."""
     from generator.scenario.model import FrameSpec
 
     anywhere = {
@@ -138,7 +138,7 @@ def _defaults_beside(name: str) -> dict[str, Any]:
 
 
 def _without(whole: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """The tree `whole` without the leaves of `given`."""
+    """Return the tree `whole` without the leaves of `given`."""
     left = {}
     for key, value in whole.items():
         if isinstance(value, dict) and isinstance(given.get(key), dict):

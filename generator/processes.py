@@ -1,6 +1,6 @@
-"""Worker processes: their start, and their end with the one that started them, however that ends.
+"""Start worker processes, and end them with the process that started them, however that one ends.
 
-This module imports nothing but Python's own, so that a process that starts here decides how it loads the rest.
+This module imports only the standard library, so a process that starts here decides how the rest is loaded.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from collections.abc import Callable
 from typing import Any
 
 ORPHANED = 70
-"""Exit status of a process whose parent is gone."""
+"""Exit status of a process whose parent has ended."""
 
 
 def follow_parent() -> None:
-    """End this process as soon as the one that started it has ended; for processes of `multiprocessing`, elsewhere nothing.
+    """End this process as soon as its parent has ended; has no effect outside processes of `multiprocessing`.
 
-    The parent's end closes a pipe that a thread here waits for, also when the parent is killed and can ask for nothing.
+    A thread waits for a pipe that closes when the parent ends. This works even if the parent is killed and cannot clean
+    up.
     """
     parent = multiprocessing.parent_process()
     if parent is None:
@@ -34,21 +35,22 @@ def follow_parent() -> None:
 
 
 def packed(function: Callable[..., None], *arguments: Any) -> bytes:
-    """A call for :func:`begin`, which imports what it needs only there."""
+    """Pickle a call for :func:`begin`, which imports the necessary modules only in the worker."""
     return pickle.dumps((function, arguments))
 
 
 def begin(call: bytes) -> None:
-    """Start a worker process of one thread: load what a call of :func:`packed` needs, and make it.
+    """Start a single-threaded worker process: load what a call of :func:`packed` needs, and execute the call.
 
-    The process does not look for garbage meanwhile: modules are none, and looking through them again and again takes a tenth
-    of the start. Linear algebra has no threads of its own, which wait in busy loops for work that never comes. Its
-    instructions are those of the calling process (`generator.instruction_set`): frames of both are alike to the byte.
+    Garbage collection is off meanwhile, since modules are not garbage and scanning them repeatedly takes a tenth of the
+    start. Linear algebra gets no threads of its own, because these wait in busy loops for work that never comes. It
+    uses the same instructions as in the calling process (`generator.instruction_set`), so frames of both are identical
+    to the byte.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()
     try:
-        # Of this program itself, by the pipe through which `multiprocessing` starts the process.
+        # The data come from this program itself, over the pipe through which `multiprocessing` starts the process.
         function, arguments = pickle.loads(call)
         function(*arguments)
     finally:

@@ -1,4 +1,4 @@
-"""Lists of files with sizes and SHA-256, as manifests and receipts hold them, and what has become of the files since."""
+"""Lists of files with sizes and SHA-256, as in manifests and receipts, and checks of the files against them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from generator.errors import GeneratorError
 from generator.files import linked_within, read_at_most
 
 LARGEST_MANIFEST_BYTES = 100_000_000
-"""About half a million files."""
+"""Enough for about half a million files."""
 
 
 @dataclass(frozen=True)
 class StoredFile:
-    """A file of a dataset or of a folder of frames: path from its root, size and SHA-256."""
+    """A file of a dataset or of a folder of frames: path relative to its root, size and SHA-256."""
 
     path: str
     bytes: int
@@ -25,7 +25,7 @@ class StoredFile:
 
 
 def stored_file(folder: Path, place: str) -> StoredFile:
-    """Measure a file."""
+    """Determine the size and hash of a file."""
     digest = hashlib.sha256()
     size = 0
     with (folder / place).open("rb") as stream:
@@ -36,7 +36,7 @@ def stored_file(folder: Path, place: str) -> StoredFile:
 
 
 def file_problem(folder: Path, listed: StoredFile) -> str:
-    """What is wrong with a file that a list names, in one line; empty for an intact one."""
+    """Describe in one line what is wrong with a listed file; empty for an intact one."""
     try:
         path = linked_within(folder, listed.path)
     except GeneratorError as error:
@@ -61,7 +61,7 @@ def problems_of_files(
     progress: Callable[[str], None],
     problem_of: Callable[[Path, StoredFile], str] = file_problem,
 ) -> list[str]:
-    """What is wrong with the files of a list, one line each; `progress` is called with each that has been read."""
+    """Describe what is wrong with listed files, one line each; `progress` is called with each file that has been read."""
     found = []
     for file in files:
         if problem := problem_of(folder, file):
@@ -71,12 +71,12 @@ def problems_of_files(
 
 
 def manifest_bytes(path: Path, command: str) -> bytes:
-    """Read a manifest that `command` writes last.
+    """Read a manifest, which `command` writes as its last file.
 
     Raises
     ------
     GeneratorError
-        It is missing (an unfinished run), too large, or cannot be read.
+        It is missing (because a run was not finished), too large, or unreadable.
     """
     try:
         return read_at_most(path, LARGEST_MANIFEST_BYTES)
@@ -87,27 +87,27 @@ def manifest_bytes(path: Path, command: str) -> bytes:
 
 
 def strange_files(folder: Path, known: Iterable[str]) -> list[str]:
-    """Paths of the files in a folder, at any depth, that are not among the known ones; sorted."""
+    """Return the paths of all files in a folder, at any depth, that are not among the known ones; sorted."""
     present = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     return sorted(present - set(known))
 
 
 def listed_files(items: Iterable[Mapping[str, Any]]) -> tuple[StoredFile, ...]:
-    """The files of a parsed list. Raises KeyError, TypeError or AttributeError for what is no such list."""
+    """Return the files of a parsed list. Raises KeyError, TypeError or AttributeError for anything else."""
     return tuple(
         StoredFile(text_under(item, "path"), count_under(item, "bytes"), text_under(item, "sha256")) for item in items
     )
 
 
 def text_under(tree: Mapping[str, Any], key: str) -> str:
-    """A text of a parsed document. Raises KeyError or TypeError."""
+    """Return a string in a parsed document. Raises KeyError or TypeError."""
     if not isinstance(tree[key], str):
         raise TypeError(f"{key} is no text")
     return str(tree[key])
 
 
 def count_under(tree: Mapping[str, Any], key: str) -> int:
-    """A number of things in a parsed document. Raises KeyError or TypeError."""
+    """Return a non-negative integer in a parsed document. Raises KeyError or TypeError."""
     if not isinstance(tree[key], int) or isinstance(tree[key], bool) or tree[key] < 0:
         raise TypeError(f"{key} is no number of things")
     return int(tree[key])

@@ -1,4 +1,4 @@
-"""Smoothing the random walks of twilight: for each height and aerosol the exponential of a polynomial in the other axes."""
+"""Smoothing of the random walks of twilight: for each height and aerosol, exp of a polynomial in the other axes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def fitted(grid: TwilightGrid, mean: Floats, error: Floats) -> tuple[Floats, Flo
     -------
     coefficients : (observer, aerosol, 4, ...) array
     relative : (observer, aerosol, rayleigh, view, depression, azimuth) array
-        Error of the fit at the second ozone depth.
+        Relative error of the fit at the second ozone depth.
     scatter : (observer, aerosol, 4) array
-        Root mean square of the residuals over the samples' errors.
+        Root mean square of the residuals in units of the samples' errors.
     """
     axes = polynomial_axes(grid)
     points = [

@@ -1,4 +1,4 @@
-"""``skybench bake``: run the workers, fit what they computed, and store the maps."""
+"""``skybench bake``: run the workers, fit their results, and store the maps."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ TOTAL_DEGREE = 10
 
 
 def run_worker(task: str, *index: int) -> tuple[Floats, Floats]:
-    """Run a task of :mod:`generator.bake.worker` in a process of its own; return its mean and relative error.
+    """Run a task of :mod:`generator.bake.worker` in a separate process; return its mean and relative error.
 
     Raises
     ------
     GeneratorError
-        The worker failed; the message ends with its own.
+        The worker failed; the message ends with the worker's.
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / f"{task}.npz"
@@ -48,7 +48,7 @@ def run_worker(task: str, *index: int) -> tuple[Floats, Floats]:
 
 
 def moon_singles(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
-    """Moonlight scattered once on the map's axes: by quadrature in two layers, and in closed form."""
+    """Single scattering of moonlight on the map's axes: by quadrature in two layers, and in closed form."""
     moon, azimuth = np.radians(grid.moon_altitude_deg)[:, None], np.radians(grid.relative_azimuth_deg)
     rayleigh = rayleigh_optical_depth(np.array(grid.wavelength_nm), air.pressure_hpa)
     layers, closed = [], []
@@ -66,7 +66,7 @@ def moon_singles(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
 
 
 def moon_values(mean: Floats, error: Floats) -> tuple[Floats, Floats]:
-    """Ratio of all moonlight to single scattering in closed form, and its relative error, axes as the walks'."""
+    """Ratio of all moonlight to closed-form single scattering, and its relative error, with the walks' axes."""
     layers, closed = moon_singles(BakedAir(), MoonGrid())
     return (layers + mean) / closed, error * mean / (layers + mean)
 
@@ -84,7 +84,8 @@ def city_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
     )
     points = (np.log(grid.wavelength_nm), np.log(grid.view_altitude_deg))
     radius = grid.core_km * np.expm1(within_cells(scale)[0])
-    # The area of a cell grows with the distance and, by the scales, with the distance's and the azimuth's derivative.
+    # The area of a cell is proportional to the distance and, because of the scales, to the derivatives of distance and
+    # azimuth.
     by_area = within_cells(scale)[1] * radius * (radius + grid.core_km), within_cells(root)[1] * within_cells(root)[0]
     cells = ((scale, by_area[0]), (root, by_area[1]))
     bases = [axis.basis(at) for axis, at in zip(axes, (*points, scale, root), strict=True)]
@@ -131,7 +132,7 @@ def ground_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
 
 
 def store(path: Path, key: str, **arrays: Floats) -> None:
-    """Write a map: values in single precision, their relative errors, which need few digits, in half."""
+    """Write a map: values in single precision, and relative errors, which need few digits, in half precision."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     single: dict[str, Any] = {
         name: values.astype(np.float16 if name.endswith("error") else np.float32) for name, values in arrays.items()
@@ -141,7 +142,7 @@ def store(path: Path, key: str, **arrays: Floats) -> None:
 
 
 def bake_moon() -> float:
-    """Make the moonlight map; return the median relative error."""
+    """Compute the moonlight map; return the median relative error."""
     walked = run_worker("moon")
     values, error = moon_values(*walked)
     store(MOON_FILE, content_hash(BakedAir(), MoonGrid()), values=values, relative_error=error, walked=walked[0])
@@ -149,7 +150,7 @@ def bake_moon() -> float:
 
 
 def bake_ground() -> float:
-    """Make the map of light that the ground reflects; return the median relative error of the walks."""
+    """Compute the map of light that the ground reflects; return the median relative error of the walks."""
     mean, error = run_worker("ground")
     glow, lamps, _ = ground_values(mean, error)
     key = content_hash(BakedAir(), GroundGrid())
@@ -158,7 +159,7 @@ def bake_ground() -> float:
 
 
 def bake_city() -> float:
-    """Make the kernel of city light; return the median relative error."""
+    """Compute the kernel of city light; return the median relative error."""
     mean, walked_error = (np.moveaxis(part, 3, 0) for part in run_worker("city"))
     values, error, _ = city_values(mean, walked_error)
     key = content_hash(BakedAir(), CityGrid())
@@ -167,14 +168,14 @@ def bake_city() -> float:
 
 
 def bake_twilight() -> float:
-    """Make the map of twilight scattered more than once; return the median relative error."""
+    """Compute the map of multiply scattered twilight; return the median relative error."""
     walked, walked_error = run_worker("twilight")
     return store_twilight(walked, walked_error)
 
 
 def store_twilight(walked: Floats, walked_error: Floats) -> float:
     """Fit and store the walks of twilight; return the median relative error of the fit."""
-    # As the map holds them, so that the fit follows from the map.
+    # In the map's precision, so that the fit can be reproduced from the map.
     walked_error = walked_error.astype(np.float16).astype(np.float64)
     coefficients, error, _ = fitted(TwilightGrid(), walked, walked_error)
     key = content_hash(BakedAir(), TwilightGrid())

@@ -1,7 +1,7 @@
 """The air of one wavelength in spherical shells, as random walks in the twilight need it, with Dr.Jit.
 
-Lengths are kilometres. A place is its height, its direction from the Earth's centre and a direction there; heights are
-updated from differences of squares, which single precision keeps to a metre.
+Lengths are kilometres. A place is described by its height, its direction from the Earth's centre and a direction there;
+heights are updated from differences of squares, which are accurate to a metre in single precision.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from generator.twilight.solar_beam import (
 
 Floats = NDArray[np.float64]
 SLOPES = 256
-"""Columns are tabulated evenly in the root of the cosine of the angle from the vertical."""
+"""Number of steps of the tables of columns, even in the root of the cosine of the angle from the vertical."""
 LEAST_LOG = -60.0
 BISECTIONS = 18
 GAUSS_POINTS = 6
@@ -66,11 +66,11 @@ class Ray:
     Attributes
     ----------
     height, slope : Float
-        Where it starts, and the cosine of its angle from the vertical there.
+        Height at which it starts, and the cosine of its angle from the vertical there.
     length : Float
     lands : Bool
     depth : Float
-        Optical depth of all of it, ozone left out.
+        Optical depth of the whole line, without ozone.
     start, turning : two pairs of Float
         Columns from the start upwards by the angle's modulus, and twice those from its lowest place: optical depth, ozone.
     """
@@ -124,7 +124,7 @@ class ShellAir:
         return dr.fma(by_aerosol, aerosol - molecules, molecules)
 
     def scattering(self, height: Any) -> tuple[Any, Any, Any]:
-        """Extinction without ozone, km^-1, its part that is scattered, and the aerosol's part of that."""
+        """Extinction without ozone, km^-1, its scattered fraction, and the aerosol's fraction of that."""
         place = dr.clip(height / STEP_KM, 0, len(HEIGHTS_KM) - 1.001)
         cell = UInt32(place)
         shift = place - Float(cell)
@@ -140,7 +140,7 @@ class ShellAir:
         return dr.exp(_bilinear(self.column, cells)), dr.exp(_bilinear(self.ozone_column, cells))
 
     def sunlight(self, height: Any, cosine: Any) -> tuple[Any, Any]:
-        """Sunlight over that above the air, and the ozone it has crossed, by the cosine of the Sun's zenith distance."""
+        """Sunlight relative to that above the air, and the ozone crossed, for the cosine of the Sun's zenith distance."""
         degrees = dr.acos(dr.clip(cosine, -1, 1)) * (180 / math.pi)
         column = (degrees - LEAST_DEG) / STEP_DEG
         columns = len(ZENITH_DISTANCES_DEG)
@@ -159,7 +159,7 @@ class ShellAir:
         to_ground = above / (dr.sqrt(dr.maximum(root2, 0)) - along)
         ahead = (TOP_KM - height) * (TOP_KM + EARTH_RADIUS_KM + radius)
         to_top = ahead / dr.maximum(dr.sqrt(dr.maximum(along * along + ahead, 0)) + along, 1e-6)
-        # Downwards the sum above loses its precision and the difference does not.
+        # Downwards the sum above loses its precision, but the difference does not.
         to_top = dr.select(slope < 0, dr.sqrt(along * along + ahead) - along, to_top)
         start = self.columns(height, dr.abs(slope))
         # Height of the lowest place: radius (1 - sqrt(1 - slope^2)) below.
@@ -194,7 +194,7 @@ class ShellAir:
 
 @functools.lru_cache(maxsize=1)
 def shell_air(air: BakedAir, rayleigh: float, aerosol: float, floor_km: float, stratosphere: float) -> ShellAir:
-    """The last air again, whose tables take half a second."""
+    """Return an air; the last one is cached, because its tables take half a second."""
     return ShellAir(air, rayleigh, aerosol, floor_km, stratosphere=stratosphere)
 
 

@@ -1,4 +1,4 @@
-"""Smoothing a Monte Carlo map: the exponential of a polynomial in all coordinates, fitted to the means over its cells."""
+"""Smoothing of a Monte Carlo map: the exponential of a polynomial in all coordinates, fitted to means over its cells."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ def smooth(
 ) -> tuple[Floats, Floats, float]:
     """Fit a map by a generalised linear model: logarithmic link, standard deviation proportional to the mean.
 
-    Its estimating equation balances values over fit, not logarithms, so that the fit keeps the mean of samples whose errors
-    have long tails (McCullagh & Nelder 1989, "Generalized Linear Models", chapter 8). A value may be the mean of the
-    function over a cell; the fit is of the function.
+    Its estimating equation balances ratios of values to the fit, not logarithms, so that the fit preserves the mean of
+    samples whose errors have long tails (McCullagh & Nelder 1989, "Generalized Linear Models", chapter 8). A value may be
+    the mean of the function over a cell; the function itself is fitted.
 
     Parameters
     ----------
     mean, relative_error : (n_1, ..., n_d) arrays
     axes : sequence of d Axis
     points : sequence of arrays
-        Coordinates of the first axes, on which `mean` holds values at points.
+        Coordinates of the first axes, on which `mean` contains values at points.
     cells : sequence of (edges, weight) pairs of arrays
-        Of the other axes: edges of the cells, and the weight of a place within them as a function of the coordinate, at
+        For the other axes: edges of the cells, and the weight of a place within them as a function of the coordinate, at
         the points of :func:`within_cells`.
     total_degree : int
         Largest sum of degrees.
     rounds : int
-        Of Newton's iteration.
+        Rounds of Newton's iteration.
 
     Returns
     -------
     coefficients : array
-        Of :func:`evaluated`; its exponential is the map.
+        Coefficients for :func:`evaluated`; its exponential is the map.
     covariance_root : (terms, terms) array
-        Its rows times the terms of a place: their norm is the relative error there.
+        The norm of the product of its rows with the terms of a place is the relative error there.
     scatter : float
-        Root mean square of the residuals over the samples' errors: 1 where noise is all there is.
+        Root mean square of the residuals in units of the samples' errors: 1 if there is only noise.
     """
     shape = [axis.degree + 1 for axis in axes]
     chosen = chosen_terms(axes, total_degree)
@@ -110,7 +110,7 @@ def averaged(values: Floats, axis: int, cells: int, weight: Floats) -> Floats:
 
 
 def smooth_error(relative_error: Floats, axes: Sequence[Axis], bases: Sequence[Floats]) -> Floats:
-    """The samples' relative errors, themselves of few batches, by a cubic fit to their logarithms."""
+    """Smooth the samples' relative errors, which come from few batches, by a cubic fit to their logarithms."""
     chosen = chosen_terms([Axis(axis.low, axis.high, min(axis.degree, 3)) for axis in axes], 3)
     terms = design(bases, chosen)
     known = np.isfinite(relative_error.ravel()) & (relative_error.ravel() > 0)

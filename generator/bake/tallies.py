@@ -29,20 +29,20 @@ FIXED_POINT = 2.0**40
 
 
 LEAST_SINE = 1e-3
-"""Directions sampled in addition to the path's own."""
+"""Least sine of the directions sampled in addition to the path's own."""
 PER_LOG = -math.log(LEAST_SINE)
 
 
 def landed(air: Air, at: Scattering, direction: Vector) -> tuple[Any, Any, Any, Any]:
-    """Where a direction meets the ground, and the weight with which it counts beside another way of drawing it.
+    """Return where a direction meets the ground, and its weight in combination with another sampling method.
 
-    The other way is even in the logarithm of the angle's sine and in azimuth; the two are joined by the balance heuristic
-    (Veach & Guibas 1995, SIGGRAPH 95, 419).
+    The other method is uniform in the logarithm of the angle's sine and in azimuth; the two are combined by the balance
+    heuristic (Veach & Guibas 1995, SIGGRAPH 95, 419).
 
     Returns
     -------
     weight, x, y, sine : Float
-        Weight 0 for directions up.
+        The weight is 0 for upward directions.
     """
     ux, uy, uz = direction
     sine = dr.maximum(-uz, 1e-6)
@@ -55,7 +55,7 @@ def landed(air: Air, at: Scattering, direction: Vector) -> tuple[Any, Any, Any, 
 
 
 def glowing_ground(angle: Any, cosine: Any) -> tuple[Any, Any, Any]:
-    """Radiance of ground covered with lamps in each of PATTERNS, by zenith angle and its cosine: intensity over cosine."""
+    """Radiance of ground covered with lamps in each of PATTERNS, for a zenith angle and its cosine: intensity over cosine."""
     horizon = GARSTANG_NORMALISATION / (2 * math.pi) * dr.square(dr.square(angle)) / cosine
     lambert = 1 / math.pi
     clear = dr.exp(-FRONTAL_AREA_INDEX * dr.sqrt(dr.maximum(1 - cosine * cosine, 0)) / cosine) / built_up_output()
@@ -100,14 +100,14 @@ def city_piece(air: Air, grid: CityGrid, view_altitude_deg: float, seed: int) ->
 
 
 def ground_piece(air: Air, grid: GroundGrid, view_altitude_deg: float, seed: int) -> tuple[Floats, Floats]:
-    """Light that the ground sends up, seen at one altitude in the air of a ground that reflects everything.
+    """Upward light of the ground, seen at one altitude in the air above a ground that reflects everything.
 
     Returns
     -------
     mean, relative_error : (1 + patterns * distances,) arrays
-        First the radiance under an endless ground that glows evenly, sr^-1 per light that leaves it, without further
-        reflection. Then that of lamps in each ring around the observer, in each of PATTERNS, of light that the ground has
-        reflected once: km^-2 sr^-1 per light output.
+        First the radiance above an infinite, uniformly glowing ground, sr^-1 per light that leaves it, without further
+        reflection. Then the radiance of light from lamps in each ring around the observer, in each of PATTERNS, that the
+        ground has reflected once: km^-2 sr^-1 per light output.
     """
     city = CityGrid()
     rings, _ = city.edges
@@ -139,7 +139,7 @@ def ground_piece(air: Air, grid: GroundGrid, view_altitude_deg: float, seed: int
 
 
 def mean_and_error(batches: Floats) -> tuple[Floats, Floats]:
-    """Mean over the first axis, and its relative standard error (infinite where the mean is 0)."""
+    """Mean over the first axis, and its relative standard error (infinite if the mean is 0)."""
     mean = batches.mean(axis=0)
     error = batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
     return mean, np.where(mean > 0, error / np.where(mean > 0, mean, 1), np.inf)

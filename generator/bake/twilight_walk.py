@@ -1,10 +1,10 @@
 """Random walks of sunlight in the twilight, from the observer through spherical shells of air, with Dr.Jit.
 
-A walk serves all places of the Sun: the air is the same in all places of a height, so that the sunlight at a place depends on
-its height and the Sun's zenith distance there alone (:mod:`generator.twilight.solar_beam`). At each scattering of a path, and
-for each place of the Sun apart, a direction and a place along it are drawn at which sunlight is scattered into the path: most
-of them towards the horizon below which the Sun is, where the light of twilight comes from, the others by the phase function,
-joined by the balance heuristic (Veach & Guibas 1995, SIGGRAPH 95, 419).
+A walk serves all places of the Sun: the air is the same at all places of one height, so the sunlight at a place depends
+only on its height and the Sun's zenith distance there (:mod:`generator.twilight.solar_beam`). At each scattering of a
+path, and separately for each place of the Sun, a direction and a place along it are drawn at which sunlight is scattered
+into the path. Most directions are towards the horizon below which the Sun is, from where the light of twilight comes; the
+others follow the phase function. They are combined by the balance heuristic (Veach & Guibas 1995, SIGGRAPH 95, 419).
 """
 
 from __future__ import annotations
@@ -36,20 +36,22 @@ Floats = NDArray[np.float64]
 MAX_ORDER = 16
 SURVIVAL = 0.05
 TOWARDS_SUN, SPREAD = 0.8, 0.5
-"""Part of the directions that are drawn so, and how close in azimuth they are to the Sun (1: evenly)."""
+"""Fraction of the directions that are drawn towards the Sun, and their concentration in azimuth (1: uniform)."""
 WALK_LOW_SINE, WALK_HIGH_SINE = -0.1, 0.5
-"""Half of the directions of the walks themselves lie evenly between these."""
+"""Half of the directions of the walks themselves are uniformly distributed between these sines."""
 SAMPLED_HEIGHT_KM = 15.0
-"""Places are drawn on upward lines by heights that are exponential with this scale, or evenly along the line; the corners of
-paths, half of them, by the light that the air lets pass. The high air, which the Sun still lights, is reached so."""
+"""Places on upward lines are drawn with heights that are exponential with this scale, or uniformly along the line; half of
+the corners of paths are drawn in proportion to the transmitted light. This reaches the high air, which the Sun still
+lights."""
 FIXED_POINT = 2.0**34
 FALL_PER_DEG = 1.0
-"""Sums are scaled up by exp(this x depression), about as the light falls, before they become integers."""
+"""Sums are multiplied by exp(this x depression), which roughly compensates the decrease of the light, before they become
+integers."""
 
 
 @dataclass(frozen=True)
 class Corner:
-    """Scatterings of paths, or their meetings with the ground.
+    """Scatterings of paths, or their reflections by the ground.
 
     Attributes
     ----------
@@ -57,11 +59,11 @@ class Corner:
         Weight of the light that leaves it along the path.
     height : Float
     upright, came : three Floats
-        Direction from the Earth's centre, and of the path before, away from the observer.
+        Direction from the Earth's centre, and direction of the path before, away from the observer.
     by_aerosol : Float
-        The aerosol's part of the scattered light; -1 on the ground.
+        The aerosol's fraction of the scattered light; -1 on the ground.
     ozone, grounded : Float
-        Ozone between the place and the observer; 1 where the path has met the ground.
+        Ozone between the place and the observer; and 1 if the path has met the ground.
     """
 
     weight: Any
@@ -79,7 +81,7 @@ def dot(a: Vector, b: Vector) -> Any:
 
 
 def chosen(which: Any, a: Vector, b: Vector) -> Vector:
-    """The first vector where a condition holds, and the second elsewhere."""
+    """Select the first vector where a condition holds, and the second elsewhere."""
     return dr.select(which, a[0], b[0]), dr.select(which, a[1], b[1]), dr.select(which, a[2], b[2])
 
 
@@ -115,7 +117,7 @@ def towards_horizon(upright: Vector, sun: Vector, lowest: Any, rng: Any) -> Vect
 def horizon_density(upright: Vector, sun: Vector, lowest: Any, direction: Vector) -> Any:
     """Density of the directions of :func:`towards_horizon`, sr^-1."""
     rise = dot(upright, direction)
-    # The cube of an even number decides the sine.
+    # The cube of a uniform number determines the sine.
     by_rise = 1 / (3 * dr.square(dr.cbrt(dr.maximum(rise - lowest, 1e-9))) * dr.cbrt(1 - lowest))
     cosine = dot(_flat(direction, upright), _flat(sun, upright))
     # Square of the tangent of half the azimuth from the Sun.
@@ -137,7 +139,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def by_phase(air: ShellAir, at: Corner, rng: Any) -> Vector:
-    """A direction drawn by the phase function, or up from the ground by Lambert's law."""
+    """Draw a direction from the phase function, or up from the ground from Lambert's law."""
     xi, turn = rng.next_float32(), 2 * math.pi * rng.next_float32()
     cosine = dr.select(rng.next_float32() < at.by_aerosol, lookup(air.cosines, xi), rayleigh_cosine(xi))
     up = dr.sqrt(dr.maximum(xi, 1e-6))
@@ -152,7 +154,7 @@ def phase_at(air: ShellAir, at: Corner, went: Vector) -> Any:
 
 
 def place_along(ray: Ray, xi: Any, even: Any) -> Any:
-    """A distance along a ray: by exponential heights on upward rays, or evenly."""
+    """Draw a distance along a ray: by exponential heights on upward rays, or uniformly."""
     climb = -SAMPLED_HEIGHT_KM * dr.log(1 - xi * _within_range(ray))
     radius = EARTH_RADIUS_KM + ray.height
     along, ahead = radius * ray.slope, climb * (2 * radius + climb)
@@ -161,7 +163,7 @@ def place_along(ray: Ray, xi: Any, even: Any) -> Any:
 
 
 def place_density(ray: Ray, distance: Any) -> Any:
-    """Density of the distances of :func:`place_along` where every second one is even, km^-1."""
+    """Density of the distances of :func:`place_along` if half of them are uniform, km^-1."""
     height, slope = moved(ray.height, ray.slope, distance)
     fall = dr.exp(-(height - ray.height) / SAMPLED_HEIGHT_KM)
     by_height = fall / (SAMPLED_HEIGHT_KM * _within_range(ray)) * slope
@@ -169,7 +171,7 @@ def place_density(ray: Ray, distance: Any) -> Any:
 
 
 def _within_range(ray: Ray) -> Any:
-    """Part of the exponential heights below the top of the air."""
+    """Fraction of the exponential heights below the top of the air."""
     return 1 - dr.exp(-dr.maximum(TOP_KM - ray.height, 0.01) / SAMPLED_HEIGHT_KM)
 
 
@@ -188,7 +190,7 @@ class SunTally:
         self.sums = np.zeros((len(grid.ozone_tau) + 1, self.suns))
 
     def add(self, at: Corner, seed: int, order: int) -> None:
-        """Add sunlight that is scattered once and then at some corners, or that shines on those on the ground."""
+        """Add sunlight that is scattered once and then at given corners, or that falls on those on the ground."""
         parts = (at.weight, at.height, *at.upright, *at.came, at.by_aerosol, at.ozone, at.grounded)
         dr.eval(*parts)
         count = dr.width(at.weight)
@@ -210,7 +212,7 @@ class SunTally:
         self.sums += np.array([np.array(each, dtype=np.float64) for each in sums])
 
     def _scattered(self, at: Corner, sun: Vector, rng: Any) -> tuple[Any, Any]:
-        """Sunlight scattered once into the corners, and the ozone that it crosses in all."""
+        """Sunlight scattered once into the corners, and the total ozone that it crosses."""
         air = self.air
         sunward = rng.next_float32() < TOWARDS_SUN
         lowest = lowest_sine(at.height)
@@ -229,7 +231,7 @@ class SunTally:
         return dr.select(dr.isfinite(value), value, 0), at.ozone + crossed + sun_ozone
 
     def _on_ground(self, at: Corner, sun: Vector) -> tuple[Any, Any]:
-        """Sunlight that shines on the corners on the ground, and the ozone that it crosses in all."""
+        """Sunlight that falls on the corners on the ground, and the total ozone that it crosses."""
         up = dot(at.upright, sun)
         light, sun_ozone = self.air.sunlight(at.height, up)
         lit = (at.by_aerosol < 0) & (up > 0)
@@ -242,7 +244,7 @@ class SunTally:
 
 
 def onward(air: ShellAir, at: Corner, rng: Any) -> tuple[Vector, Any]:
-    """The direction in which the walk goes on, and the phase function over its density."""
+    """The direction in which the walk continues, and the phase function divided by its density."""
     rise = dr.fma(rng.next_float32(), WALK_HIGH_SINE - WALK_LOW_SINE, WALK_LOW_SINE)
     low = turned(at.upright, rise, 2 * math.pi * rng.next_float32())
     drawn = by_phase(air, at, rng)
@@ -310,7 +312,7 @@ def twilight_piece(air: ShellAir, grid: TwilightGrid, view_altitude_deg: float, 
     Returns
     -------
     mean, relative_error : (4, depressions, azimuths) arrays
-        At the three ozone depths, and at the second the part of the light that has met the ground.
+        Light at the three ozone depths, and at the second the part that the ground has reflected.
     """
     batches = []
     for batch in range(grid.batches):
@@ -321,12 +323,12 @@ def twilight_piece(air: ShellAir, grid: TwilightGrid, view_altitude_deg: float, 
 
 
 def scattered_twice(paths: int = 65_536) -> tuple[Floats, Floats]:
-    """Light scattered twice, without refraction, ozone and ground, which quadrature can judge.
+    """Light scattered twice, without refraction, ozone and ground, for comparison with quadrature.
 
     Returns
     -------
     mean, relative_error : (views, depressions, azimuths) arrays
-        At the JUDGED directions and places of the Sun.
+        Values at the JUDGED directions and places of the Sun.
     """
     air = ShellAir(BakedAir(ground_albedo=0.0), JUDGED_RAYLEIGH, JUDGED_AEROSOL, 0.0, refractivity=0.0)
     grid = TwilightGrid(depression_deg=JUDGED_DEPRESSIONS_DEG, relative_azimuth_deg=JUDGED_AZIMUTHS_DEG)

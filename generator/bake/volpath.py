@@ -1,7 +1,7 @@
 """The bake's radiative transfer by Mitsuba's ``volpath``: an independent check of the random walks.
 
-Runs in a process of its own: see :mod:`generator.bake.worker`. Lengths are in kilometres, for the sake of single precision.
-The observer stands 2 m above the ground at the origin.
+It runs in a separate process: see :mod:`generator.bake.worker`. Lengths are in kilometres, for the sake of single
+precision. The observer is 2 m above the ground at the origin.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from generator.light.view_directions import view_directions
 Floats = NDArray[np.float64]
 LAYERS = 512
 HALF_WIDTH_KM = 2000.0
-"""A layer 4,000 km across approximates an infinite plane."""
+"""Half width of the layer; 4,000 km across approximate an infinite plane."""
 OBSERVER_KM = 0.002
 MAX_DEPTH = 24
 PHASE_NODES = 40_001
@@ -80,7 +80,7 @@ def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light
 
 
 def _trace(scene: Any, start: Any, direction: Any, count: int, seed: int, hide: bool = False) -> Any:
-    """Radiance (channels, count) at `start` from `direction`, one path each; `hide`: none straight from lamps."""
+    """Radiance (channels, count) at `start` from `direction`, one path each; `hide` excludes light straight from lamps."""
     integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": 8, "hide_emitters": hide})
     medium = next(shape.interior_medium() for shape in scene.shapes() if shape.interior_medium() is not None)
     sampler = mi.load_dict({"type": "independent"})
@@ -96,9 +96,9 @@ def radiance(scene: Any, directions: Floats, paths: int, seed: int) -> tuple[Flo
     ----------
     scene : mi.Scene
     directions : (m, 3) array
-        Where the observer looks.
+        Directions in which the observer looks.
     paths : int
-        Per direction.
+        Number of paths per direction.
     seed : int
 
     Returns
@@ -119,9 +119,9 @@ def multiply_scattered(
 ) -> tuple[Floats, Floats]:
     """Radiance of light scattered more than once, towards the observer, and its standard error.
 
-    The last scattering before the observer is drawn here: its place in proportion to the light it passes on, the direction
-    from which the light comes by the phase function. Mitsuba traces the rest of each path, so that every path contributes;
-    light straight from the lamps is left out.
+    The last scattering before the observer is drawn here: its place in proportion to the transmitted light, and the
+    direction from which the light comes from the phase function. Mitsuba traces the rest of each path, so that every path
+    contributes; light straight from the lamps is left out.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def multiply_scattered(
     root = np.cbrt(2 * (2 * xi - 1) + np.sqrt(4 * (2 * xi - 1) ** 2 + 1))
     cosine = np.clip(np.where(by_aerosol, cosine_a, root - 1 / root), -1, 1)
     turn = 2 * np.pi * random.random(h.shape)
-    # Backwards along the line of sight: a photon that goes on towards the observer came from about `directions`.
+    # Backwards along the line of sight: a photon that continues towards the observer came from about `directions`.
     first = np.cross(directions, np.where(np.abs(rise) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     second = np.cross(directions, first)
@@ -180,7 +180,7 @@ BESIDE_KM = (8.0, 10.0)
 def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
     """Multiply scattered light of a disk of Lambert lamps around the observer, at the altitudes of VIEWS_DEG.
 
-    Its edge is the edge of a ring of CityGrid.
+    The disk's edge is the edge of a ring of CityGrid.
 
     Returns
     -------
@@ -191,12 +191,12 @@ def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
 
 
 def disk_beside(paths: int = 100_000) -> tuple[Floats, Floats]:
-    """The same for the disk of BESIDE_KM, in all directions of VIEWS_DEG, azimuths relative to its centre: (9,) arrays."""
+    """Light of the disk of BESIDE_KM, in all directions of VIEWS_DEG, with azimuths relative to its centre: (9,) arrays."""
     return _lamps_scattered_on(*BESIDE_KM, VIEWS_DEG[1], paths)
 
 
 def disk_on_snow(paths: int = 200_000) -> tuple[Floats, Floats]:
-    """The light of :func:`disk_of_lamps` over ground of SNOW_ALBEDO: (3,) arrays."""
+    """The light of :func:`disk_of_lamps` for ground of SNOW_ALBEDO: (3,) arrays."""
     return _lamps_scattered_on(0.0, float(CityGrid().edges[0][DISK_RINGS]), VIEWS_DEG[1][:1], paths, SNOW_ALBEDO)
 
 
@@ -221,7 +221,7 @@ def _lamps_scattered_on(
 
 
 def moonlit_snow() -> tuple[Floats, Floats]:
-    """The light of :func:`moonlit` over ground of SNOW_ALBEDO: (9,) arrays."""
+    """The light of :func:`moonlit` for ground of SNOW_ALBEDO: (9,) arrays."""
     return moonlit(ground_albedo=SNOW_ALBEDO)
 
 
@@ -242,7 +242,7 @@ def moonlit(
 
 
 def furnace(paths: int = 30_000, wavelength_nm: float = 400.0) -> tuple[Floats, Floats]:
-    """Radiance in 8 directions in a white furnace: no absorption, isotropic light of radiance 1; exactly 1."""
+    """Radiance in 8 directions in a white furnace: no absorption, isotropic light of radiance 1; the exact result is 1."""
     air = BakedAir(aerosol_albedo=1.0, ground_albedo=1.0)
     light = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     scene = mi.load_dict(air_scene(air, wavelength_nm, 0.2, light))

@@ -1,10 +1,10 @@
 """Random walks from the observer through two exponential layers of air over a Lambert ground, with Dr.Jit.
 
 The walk goes backwards, from the observer to the light. It is exact in the air's height (free paths are inverted, not
-tracked), and one walk serves all places of the lamps and of the Moon: the air is horizontally uniform, so that the point
-where a path meets the ground is a lamp's place, and the path's direction there a direction of emission. No estimate
-contains the inverse square of a distance, so the variance is finite; that of Mitsuba's ``volpath`` towards a small disk of
-lamps is not. Lengths are kilometres. The first scattering is drawn in proportion to the light it passes on.
+tracked), and one walk serves all places of the lamps and of the Moon: the air is horizontally uniform, so the point where
+a path meets the ground is a lamp's place, and the path's direction there a direction of emission. No estimate contains
+the inverse square of a distance, so the variance is finite, unlike that of Mitsuba's ``volpath`` for a small disk of
+lamps. Lengths are in kilometres. The first scattering is drawn in proportion to the transmitted light.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Vector = tuple[Any, Any, Any]
 
 MAX_ORDER = 30
 SURVIVAL = 0.08
-"""Paths that carry less than this part of the mean first weight are thinned out (Russian roulette)."""
+"""Paths that carry less than this fraction of the mean first weight are thinned out (Russian roulette)."""
 TABLE = 4096
 LEAST_SLOPE = 1e-5
 
@@ -42,7 +42,7 @@ class Air:
         self.depth_a = float(aerosol_optical_depth(wavelength_nm, aerosol_tau_550, air.angstrom_exponent))
         self.total = self.depth_r + self.depth_a
         self.ratio = air.rayleigh_height_km / air.aerosol_height_km
-        # y = exp(-h / Rayleigh's height) by the optical depth below: smooth and monotonic from 1 to 0.
+        # y = exp(-h / Rayleigh's height) as a function of the optical depth below: smooth and monotonic from 1 to 0.
         y = np.linspace(1, 0, 200_001)
         depth = self.depth_r * (1 - y) + self.depth_a * (1 - y**self.ratio)
         self.table = Float(np.interp(np.linspace(0, self.total, TABLE + 1), depth, y).astype(np.float32))
@@ -53,7 +53,7 @@ class Air:
         self.r, self.a, self.whole = (dr.opaque(Float, part) for part in (self.depth_r, self.depth_a, self.total))
 
     def height(self, depth: Any) -> Any:
-        """Height below which a given optical depth lies, km."""
+        """Height below which there is a given optical depth, km."""
         y = lookup(self.table, depth / self.whole)
         return -self.air.rayleigh_height_km * dr.log(dr.maximum(y, 1e-6))
 
@@ -64,7 +64,7 @@ class Air:
         return dr.fma(by_aerosol, aerosol - molecules, molecules)
 
     def scattering(self, height: Any) -> tuple[Any, Any]:
-        """Single-scattering albedo, and the aerosol's part of the scattered light."""
+        """Single-scattering albedo, and the aerosol's fraction of the scattered light."""
         molecules = self.r / self.air.rayleigh_height_km * dr.exp(-height / self.air.rayleigh_height_km)
         aerosol = self.a / self.air.aerosol_height_km * dr.exp(-height / self.air.aerosol_height_km)
         scattered = molecules + self.air.aerosol_albedo * aerosol
@@ -119,9 +119,9 @@ class Scattering:
     Attributes
     ----------
     order : int
-        1 for the one next to the observer.
+        Order of the scattering: 1 for the one next to the observer.
     weight : Float
-        Weight of light that comes back along the path.
+        Weight of light that returns along the path.
     x, y, height : Float
         Place, km.
     depth : Float
@@ -129,10 +129,10 @@ class Scattering:
     came, went : three Floats
         Directions away from the observer, before and after.
     by_aerosol : Float
-        The aerosol's part of the scattered light.
+        The aerosol's fraction of the scattered light.
     random : PCG32
     bounces : Float
-        How often the ground has reflected the path.
+        Number of reflections of the path by the ground.
     """
 
     order: int
@@ -162,7 +162,7 @@ def walk(
 ) -> None:
     """Follow `count` paths seen at one altitude, towards azimuth 0 (the y axis), and call `tally` at each scattering.
 
-    Paths end that the ground has reflected more than `most_bounces` times.
+    Paths that the ground has reflected more than `most_bounces` times end.
     """
     slope0 = math.sin(math.radians(view_altitude_deg))
     along0 = math.cos(math.radians(view_altitude_deg))
@@ -195,7 +195,7 @@ def walk(
         weight = dr.select(lands, weight * air.air.ground_albedo, weight)
         bounces = dr.select(lands, bounces + 1, bounces)
         depth, height = dr.select(lands, 0, depth), dr.select(lands, 0, height)
-        # The next scattering is forced to happen: before the top of the air, or before the ground.
+        # The next scattering is forced to occur: before the top of the air, or before the ground.
         ahead = dr.select(uz < 0, depth, air.whole - depth) / dr.abs(uz)
         reached = 1 - dr.exp(-ahead)
         weight = dr.select(uz < 0, weight, weight * reached)

@@ -1,7 +1,7 @@
-"""One baking task in a process of its own (``python -m generator.bake.worker TASK OUT``).
+"""One baking task in a separate process (``python -m generator.bake.worker TASK OUT``).
 
-Dr.Jit must find LLVM before it is first imported, and a process has one variant of Mitsuba; the check by ``volpath`` needs
-another variant than the frames.
+Dr.Jit must find LLVM before it is first imported, and a process can have only one variant of Mitsuba; the check by
+``volpath`` needs a different variant from the frames.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ GRIDS: dict[str, Grid] = {"moon": MoonGrid(), "city": CityGrid(), "ground": Grou
 
 
 def shape_of(grid: Grid) -> tuple[int, ...]:
-    """Numbers of the values of what is walked through separately."""
+    """Numbers of values along the axes that are computed in separate walks."""
     if isinstance(grid, TwilightGrid):
         axes = (grid.observer_km, grid.aerosol_tau, grid.rayleigh_tau, grid.view_altitude_deg)
         return tuple(len(axis) for axis in axes)
@@ -52,7 +52,8 @@ def piece(grid: Grid, *index: int) -> tuple[Floats, Floats]:
         return shell_piece(grid, index)
     seed = grid.seed * 1_000_003 + int(np.ravel_multi_index(index, shape_of(grid))) * grid.batches
     aerosol, wavelength, view = index
-    # Of light reflected once, as of all, the ground's share is a factor: the walks take a ground that loses nothing.
+    # For light reflected once, as for all light, the ground's albedo is a factor: the walks use a ground that absorbs
+    # nothing.
     ground = BakedAir() if not isinstance(grid, GroundGrid) else dataclasses.replace(BakedAir(), ground_albedo=1.0)
     air = Air(ground, grid.wavelength_nm[wavelength], grid.aerosol_tau_550[aerosol])
     altitude = grid.view_altitude_deg[view]

@@ -1,4 +1,4 @@
-"""The one reader of a dataset's archives: names and sizes are checked against the format before any byte is used."""
+"""Reader of a dataset's archives: names and sizes are checked against the format before any byte is used."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from generator.errors import GeneratorError
 from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
 
 LARGEST_MEMBER_BYTES = 2_000_000_000
-"""More than an image of the largest frame (16384 x 16384 pixels) and all its channels of expected electrons take."""
+"""Limit above the size of an image of the largest frame (16384 x 16384 pixels) with all its channels of expected
+electrons."""
 FREE_BYTES = 1_000_000
-"""Of a member, however few pixels its frame has."""
+"""Bytes allowed for a member, however few pixels its frame has."""
 BYTES_PER_PIXEL = {
     "png": 3,
     "jxl": 3,
@@ -28,15 +29,15 @@ BYTES_PER_PIXEL = {
     "stack.fits": 6,
     "video.mp4": 512,
 }
-"""Of a member beyond that: more than its pixels take without any compression; of expected electrons 16 channels, of a video
-256 frames."""
+"""Bytes per pixel allowed for a member beyond that: more than its pixels take without any compression; for expected electrons
+16 channels, for a video 256 frames."""
 SUFFIXES = (*BYTES_PER_PIXEL, "json")
-"""Members that a frame may have, in no order."""
+"""Members that a frame may have, in any order."""
 _MEMBER = re.compile(rf"(frame-\d{{5,8}})\.({'|'.join(re.escape(suffix) for suffix in SUFFIXES)})", re.ASCII)
 
 
 class TooLargeError(GeneratorError):
-    """A member has more bytes than its frame can take."""
+    """A member has more bytes than its frame can need."""
 
 
 @dataclass(frozen=True)
@@ -57,21 +58,21 @@ class StoredFrame:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a member's contents lie in its archive: first byte and number of bytes."""
+    """Place of a member's contents in its archive: first byte and number of bytes."""
 
     offset: int
     size: int
 
 
 def read_frames(path: Path) -> Iterator[StoredFrame]:
-    """All frames of an archive, in order, one at a time.
+    """Yield all frames of an archive, in order, one at a time.
 
     Raises
     ------
     GeneratorError
-        The archive is damaged, or has a member that docs/dataset_format.md does not allow: another name, no regular file,
-        larger than the archive itself or than its frame's pixels can take, given twice, a frame out of order, or one with
-        a wrong record.
+        The archive is damaged, or has a member that docs/dataset_format.md does not allow: one with another name, not a
+        regular file, larger than the archive itself or than its frame's pixels can need, or given twice; or a frame is
+        out of order or has an invalid record.
     """
     with _opened(path) as archive:
         for frame_id, members in _frames(path, archive):
@@ -86,7 +87,7 @@ def read_frames(path: Path) -> Iterator[StoredFrame]:
 
 
 def frame_places(path: Path) -> dict[str, dict[str, Place]]:
-    """Where the members of each frame lie, by frame and suffix. Raises GeneratorError as :func:`read_frames`."""
+    """Return the places of each frame's members, by frame and suffix. Raises GeneratorError as :func:`read_frames`."""
     with _opened(path) as archive:
         return {
             frame_id: {suffix: Place(member.offset_data, member.size) for suffix, member in members.items()}
@@ -97,14 +98,14 @@ def frame_places(path: Path) -> dict[str, dict[str, Place]]:
 def check_sizes(path: Path, frame_id: str, sizes: dict[str, int], record: bytes | None) -> None:
     """Compare the sizes of a frame's members, by suffix, with the number of pixels that its record states.
 
-    An archive can have holes: gigabytes of zeros that take no room on a disk.
+    This matters because an archive can have holes: gigabytes of zeros that take no space on a disk.
 
     Raises
     ------
     TooLargeError
-        One is larger than any image of so many pixels.
+        A member is larger than any image of that many pixels.
     GeneratorError
-        The record is wrong.
+        The record is invalid.
     """
     pixels = 0
     if record is not None:
@@ -117,12 +118,12 @@ def check_sizes(path: Path, frame_id: str, sizes: dict[str, int], record: bytes 
 
 
 def check_holes(path: Path) -> None:
-    """Refuse an archive whose members are too large, before gigabytes of zeros that no disk holds are read for its hash.
+    """Refuse an archive whose members are too large, before its hash is computed over gigabytes of zeros in its holes.
 
     Raises
     ------
     TooLargeError
-        As :func:`check_sizes`; other damage shows in the hash.
+        As for :func:`check_sizes`; other damage shows in the hash.
     """
     state = path.stat()
     if state.st_blocks * 512 >= state.st_size:
@@ -139,7 +140,7 @@ def check_holes(path: Path) -> None:
 
 
 def read_place(path: Path, place: Place) -> bytes:
-    """Contents of a member. Raises GeneratorError where the archive is shorter than it was."""
+    """Read the contents of a member. Raises GeneratorError if the archive has become shorter."""
     try:
         with path.open("rb") as stream:
             stream.seek(place.offset)
@@ -152,7 +153,7 @@ def read_place(path: Path, place: Place) -> bytes:
 
 
 def _frames(path: Path, archive: tarfile.TarFile) -> Iterator[tuple[str, dict[str, tarfile.TarInfo]]]:
-    """Frames of an archive with their members by suffix, each checked."""
+    """Yield the frames of an archive with their members by suffix, each checked."""
     current, members = "", dict[str, tarfile.TarInfo]()
     for member in archive:
         frame_id, suffix = _checked(path, member)
@@ -170,7 +171,7 @@ def _frames(path: Path, archive: tarfile.TarFile) -> Iterator[tuple[str, dict[st
 
 
 def read_member(path: Path, name: str) -> bytes:
-    """Contents of one member of an archive.
+    """Read the contents of one member of an archive.
 
     Raises
     ------
@@ -195,7 +196,7 @@ def _opened(path: Path) -> Iterator[tarfile.TarFile]:
 
 
 def _checked(path: Path, member: tarfile.TarInfo) -> tuple[str, str]:
-    """Frame and suffix of a member that the format allows."""
+    """Return frame and suffix of a member after checking that the format allows it."""
     match = _MEMBER.fullmatch(member.name)
     if match is None:
         raise _refused(path, member, "is not named like a frame's file")

@@ -1,4 +1,4 @@
-"""The dataset card: a README for people, with the recipe, figures of the set, and its limits."""
+"""The dataset card: a README with the recipe, figures of the set, and its limits."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ def write_card(
     scenario : Scenario
     spec : DatasetSpec
     shards : list of Shard
-        All of the dataset's.
+        All shards of the dataset.
     target : Target
-        Of the dataset. Of its tables of stars and objects only the footers are read.
+        Place of the dataset. Only the footers of its tables of stars and objects are read.
     scratch : Path
-        Folder for archives of an object store from which pictures are taken, FRAMES_ON_SHEET of them at most.
+        Folder for archives of an object store from which pictures are taken, at most FRAMES_ON_SHEET of them.
     """
     import pandas as pd
 
@@ -99,7 +99,7 @@ def _samples(shards: list[Shard], frames: pd.DataFrame, target: Target, scratch:
 
 def histograms(frames: pd.DataFrame) -> str:
     """SVG of the distributions of a dataset's main conditions; columns without spread are left out."""
-    # Matplotlib is loaded only where something is drawn.
+    # Matplotlib is loaded only if something is drawn.
     from generator.drawing.histograms import draw_histograms
 
     varying = [(title, frames[column].dropna()) for column, title in _HISTOGRAMS if frames[column].nunique() > 1]
@@ -107,14 +107,14 @@ def histograms(frames: pd.DataFrame) -> str:
 
 
 def _plain_words(text: str) -> str:
-    """A scenario's words as one paragraph of Markdown that has neither markup nor HTML in it."""
+    """Convert a scenario's text to one paragraph of Markdown without markup or HTML."""
     return _MARKUP.sub(r"\\\g<0>", " ".join(text.split()))
 
 
 def card_text(
     scenario: Scenario, spec: DatasetSpec, first: int, stop: int, frames: pd.DataFrame, counts: dict[str, int]
 ) -> str:
-    """Markdown of the card; `counts` are the rows of the tables of stars and objects."""
+    """Markdown of the card; `counts` are the numbers of rows of the tables of stars and objects."""
     conditions = "\n".join(
         f"| {title} | {frames[column].min():.4g} | {frames[column].median():.4g} | {frames[column].max():.4g} |"
         for column, title in _HISTOGRAMS
@@ -122,7 +122,7 @@ def card_text(
     )
     flying = "satellites, aircraft, meteors, the Moon and cosmic rays"
     objects = f", {counts['objects']} of {flying}" if counts["objects"] else ""
-    # `datasets` refuses a table without any row.
+    # The package `datasets` refuses a table without any row.
     listed_objects = (
         ""
         if not counts["objects"]
@@ -198,5 +198,5 @@ catalogue is complete to V 7 (90 % at V 8).
 
 
 def _inputs(scenario: Scenario) -> str:
-    """Rows for the files that the scenario names."""
+    """Rows of the card for the files that the scenario names."""
     return "".join(f"| `{file.path}` | named by {SCENARIO_COPY} |\n" for file in scenario.files)

@@ -20,7 +20,7 @@ from generator.stored_files import StoredFile
 
 LICENSE_URL = "https://creativecommons.org/licenses/by/4.0/"
 RELEASED = "2026-11-21"
-"""When this version of skybench was released; a date of its own would make the dataset's bytes differ from run to run."""
+"""Release date of this version of skybench; a date for each dataset would make its bytes differ between runs."""
 SCHEMAS = (FRAME_SCHEMA, STAR_SCHEMA, OBJECT_SCHEMA)
 PROJECT_URL = "https://pypi.org/project/skybench/"
 

@@ -1,4 +1,4 @@
-"""What a scenario would make: how many frames, what they would be, how long it would take, how large it would be."""
+"""Forecast of a scenario's dataset: number and properties of the frames, time and size."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from generator.mitsuba_runtime import set_threads
 from generator.scenario.file import Scenario
 
 BYTES_PER_READING = 125
-"""Of an inertial unit, compressed."""
+"""Bytes per reading of an inertial unit, compressed."""
 AROUND_S = 5.0
-"""Starting the command and its workers, and the dataset's card, on one core of 2020s hardware."""
+"""Time for starting the command and its workers, and for the dataset's card, on one core of 2020s hardware."""
 SIDE_BY_SIDE = 1.4
-"""How much longer a frame takes beside other processes, which share memory and caches with it, and into a dataset."""
+"""Factor on the time of a frame in parallel with other processes, which share memory and caches, and when written to a
+dataset."""
 FRAMES_MEASURED = 4
 
 
@@ -35,22 +36,22 @@ class Forecast:
     ----------
     frames : int
     width, height, bits : int
-        Of the first frame.
+        Image format of the first frame.
     catalogue_stars : int
         Stars and planets above the first frame's horizon and above the list's limit.
     first : Outlook
         The first frame in numbers.
     warnings : tuple of str
-        What in the first frame's values looks like a slip.
+        Warnings about values of the first frame that look like mistakes.
     seconds : float
-        Of `skybench generate`, with all cores.
+        Duration of `skybench generate` with all cores.
     bytes : float
-        Images, records and tables.
+        Size of images, records and tables.
     exr_bytes : float
-        The expected electrons beside them.
+        Size of the expected electrons in addition.
     cores : int
     measured : bool
-        Whether time and size come from frames over the whole scenario, not from the first alone.
+        Whether time and size come from frames over the whole scenario, rather than from the first alone.
     """
 
     frames: int
@@ -69,7 +70,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class _Costs:
-    """Of the mean frame: seconds on one core, bytes without and of the expected electrons."""
+    """Costs of the mean frame: seconds on one core, bytes without and of the expected electrons."""
 
     seconds: float
     bytes: float
@@ -77,7 +78,7 @@ class _Costs:
 
 
 def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
-    """Forecast a scenario from its first frame, rendered here and thrown away; with `measure`, from others as well.
+    """Forecast a scenario from its first frame, which is rendered and discarded; with `measure`, from others as well.
 
     Raises
     ------
@@ -91,7 +92,7 @@ def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
     last = scenario.frame_count - 1
     places = sorted({round(last * step / (FRAMES_MEASURED - 1)) for step in range(FRAMES_MEASURED)}) if measure else [0]
     costs = _costs(scenario, places)
-    # What the first frame takes beyond others, each worker takes too: loading Mitsuba, compiling, tables of the lens.
+    # Each worker also needs the additional time of the first frame: loading Mitsuba, compiling, tables of the lens.
     start_s = AROUND_S + max(first_s - costs.seconds, 0.0)
     cores = os.cpu_count() or 1
     spec = first.plan.spec
@@ -113,7 +114,7 @@ def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
 
 
 def _imu_bytes(scenario: Scenario) -> float:
-    """Of the tables of inertial units, all sequences taken as long as the first."""
+    """Size of the tables of inertial units, if all sequences are as long as the first."""
     if not scenario.has_imu:
         return 0.0
     spec = scenario.sequence(0)
@@ -122,7 +123,7 @@ def _imu_bytes(scenario: Scenario) -> float:
 
 
 def _costs(scenario: Scenario, places: list[int]) -> _Costs:
-    """What frames cost to render and to store as a dataset stores them; each is rendered once before it is timed."""
+    """Measure the costs of rendering frames and of storing them as in a dataset; each is rendered once before it is timed."""
     seconds, size, exr_size = 0.0, 0, 0
     tables: list[dict[str, pa.Table]] = []
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""The table of frames: one row per frame, the scalars of its record."""
+"""The table of frames: one row per frame with the scalars of its record."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
 _LATER = {"n_visible", "azimuth_deg", "altitude_deg", "roll_deg"}
 """Columns that frame records of early development versions lack; pointing then follows from the matrix."""
 _OPTIONAL = _LATER | {"sequence", "step", "s", "tilt_rad"}
-"""Columns without a value where the frame record lacks their place: frames by themselves have no sequence, most lenses
-neither thin prism nor tilt."""
+"""Columns that are empty if the frame record lacks the value: independent frames have no sequence, and most lenses neither
+thin prism nor tilt."""
 
 
 def unit_of(column: str) -> str:
-    """Unit that a column's name carries, or an empty text."""
+    """Return the unit in a column's name, or an empty string."""
     suffixes = [suffix for suffix in _UNITS if column.endswith(suffix)]
     return _UNITS[max(suffixes, key=len)] if suffixes else ""
 

@@ -1,4 +1,4 @@
-"""`skybench generate` from end to end: shards, then card and Croissant, and the manifest last."""
+"""`skybench generate` from start to end: shards, then card and Croissant, and the manifest last."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def generate(
     frame_done: Callable[[int], None] = lambda index: None,
     shard_done: Callable[[ShardReport], None] = lambda report: None,
 ) -> RunReport:
-    """Make a dataset, complete an interrupted one, or mend a damaged one.
+    """Generate a dataset, complete an interrupted one, or repair a damaged one.
 
     Parameters
     ----------
@@ -44,23 +44,23 @@ def generate(
     text : str
         The scenario file's text, kept with the dataset.
     out : str or Path
-        A folder, or a URL that fsspec knows.
+        A folder, or a URL that fsspec supports.
     spec : DatasetSpec
     frames : (first, stop), optional
-        Frames to make; all by default. A frame's bytes do not depend on the range.
+        Frames to generate; all by default. A frame's bytes do not depend on the range.
     part : Part or ShardRange
-        For jobs that share a dataset.
+        Part of the dataset for this job, if several jobs share it.
     workers : int
-        Processes; 0 renders in this one.
+        Number of processes; 0 renders in this one.
     run : callable
-        The backend: :func:`generator.dataset.run.run_shards` or one like it.
+        The backend: :func:`generator.dataset.run.run_shards` or a compatible one.
     frame_done, shard_done : callables
         Called after each frame and each shard.
 
     Returns
     -------
     RunReport
-        The manifest is written when nothing is missing; one that is there stays until then.
+        The manifest is written once nothing is missing; an existing one remains until then.
 
     Raises
     ------
@@ -78,7 +78,8 @@ def generate(
         reports.append(report)
         mended += report.damaged
         shard_done(report)
-    # Each of many jobs asks for the list of files, which a store gives a thousand at a time, and the last for receipts too.
+    # Each of many jobs requests the list of files, which a store returns in pieces of a thousand; only the last one also
+    # requests receipts.
     present: dict[str, int] = {}
     for kind in ("data", *TABLES, "receipts"):
         present |= target.sizes(f"{kind}/{spec.split}")
@@ -95,13 +96,13 @@ def generate(
 def _finish(
     scenario: Scenario, spec: DatasetSpec, target: Target, first: int, stop: int, stored: list[StoredFile]
 ) -> list[str]:
-    """Write the files that describe the whole dataset, the manifest last; those that were damaged."""
+    """Write the files that describe the whole dataset, the manifest last; returns those that were damaged."""
     known = manifest_of(target)
     listed = {} if known is None else {file.path: file for file in known.files}
     damaged = [MANIFEST] if known is None and target.size(MANIFEST) is not None else []
     try:
         if isinstance(target, LocalTarget):
-            # Every shard is in place, so temporary files can only be those of killed workers.
+            # Every shard is complete, so temporary files can only be those of killed workers.
             for prefix in (UNFINISHED_PREFIX, INCOMING_PREFIX):
                 for leftover in target.folder.rglob(f"{prefix}*"):
                     leftover.unlink(missing_ok=True)

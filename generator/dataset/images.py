@@ -21,12 +21,12 @@ from generator.sensor.photo import PHOTO_SUFFIXES
 
 JXL_EFFORT = 1
 DEPTHS = ("I;16", "I;16B")
-"""Modes of Pillow for 16 bits and one channel."""
+"""Pillow's modes for 16 bits and one channel."""
 PICTURE_MODES = ("L", "RGB")
 PHOTOS = tuple(PHOTO_SUFFIXES.values())
-"""Suffixes of photographs' files."""
+"""Suffixes of photograph files."""
 HEIF_MARK = b"ftyp"
-"""From the fourth byte of a file of HEIF's family (ISO/IEC 14496-12)."""
+"""Mark at the fourth byte of a file of HEIF's family (ISO/IEC 14496-12)."""
 
 
 def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
@@ -44,7 +44,7 @@ def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
 
 
 def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDArray[np.uint16]:
-    """Decode an image that :func:`encode` made.
+    """Decode an image encoded by :func:`encode`.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDA
     codec : str
         ``png`` or ``jxl``.
     shape : tuple of int, optional
-        Height and width (px) that its frame record states; nothing of another size is unpacked. Without a record the
-        image may have up to LARGEST_SIDE_PX a side.
+        Height and width (px) in its frame record; an image of another size is not unpacked. Without a record the image
+        may have up to LARGEST_SIDE_PX per side.
 
     Raises
     ------
@@ -75,20 +75,20 @@ def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDA
 
 
 def picture(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Decode an 8-bit PNG with one or three channels; `shape` as of :func:`decode`. Raises GeneratorError."""
+    """Decode an 8-bit PNG with one or three channels; `shape` is as for :func:`decode`. Raises GeneratorError."""
     with _png(data, shape, PICTURE_MODES) as image:
         return np.array(image, dtype=np.uint8)
 
 
 def photo(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Decode a JPEG or HEIF with one or three channels, as the sensor stored it, whatever its tag of orientation.
+    """Decode a JPEG or HEIF with one or three channels, as the sensor stored it, regardless of its orientation tag.
 
-    `shape` as of :func:`decode`.
+    `shape` is as for :func:`decode`.
 
     Raises
     ------
     GeneratorError
-        It is damaged, or of another size; or it is HEIF and pillow-heif is missing.
+        The photograph is damaged or of another size; or it is HEIF and pillow-heif is missing.
     """
     if data[4:8] == HEIF_MARK:
         return heif_pixels(data, shape)
@@ -107,7 +107,7 @@ def photo(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8
 
 @contextmanager
 def _png(data: bytes, shape: tuple[int, int] | None, modes: Collection[str]) -> Iterator[Image.Image]:
-    """An image whose header agrees with its frame's record; whatever its pixels raise is a GeneratorError."""
+    """Open an image whose header agrees with its frame's record; any error in its pixels is raised as GeneratorError."""
     check_png(data, shape)
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
@@ -115,5 +115,5 @@ def _png(data: bytes, shape: tuple[int, int] | None, modes: Collection[str]) -> 
                 raise GeneratorError(f"a PNG of mode {image.mode}, not {' or '.join(modes)}")
             yield image
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        # Pillow reports a cut-off or corrupted stream as any of these.
+        # Pillow reports a truncated or corrupted stream as any of these.
         raise GeneratorError(f"damaged PNG ({error})") from error

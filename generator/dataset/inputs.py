@@ -21,14 +21,14 @@ _SAFE_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 
 
 def store_inputs(target: Target, scenario: Scenario, ours: bool) -> list[str]:
-    """Copy the scenario's files beside the dataset's copy of the scenario; existing copies are checked.
+    """Copy the scenario's files next to the dataset's copy of the scenario; existing copies are checked.
 
     Parameters
     ----------
     target : Target
     scenario : Scenario
     ours : bool
-        The dataset there is known to be this scenario's: a copy that differs is a damaged one, and is stored anew.
+        Whether the existing dataset is known to be this scenario's: a copy that differs is then damaged, and is replaced.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def store_inputs(target: Target, scenario: Scenario, ours: bool) -> list[str]:
     Raises
     ------
     GeneratorError
-        A name that cannot be kept, a file that changed since the scenario was read, or another one in the dataset.
+        A name cannot be kept, a file has changed since the scenario was read, or the dataset contains a different one.
     """
     damaged = []
     for file in scenario.files:
@@ -77,7 +77,7 @@ def check_name(path: str) -> None:
 
 
 def stored_inputs(target: Target, scenario: Scenario) -> list[StoredFile]:
-    """The copies as the manifest lists them."""
+    """Return the copies in the form in which the manifest lists them."""
     return [_measured(target, file) for file in scenario.files]
 
 

@@ -1,4 +1,4 @@
-"""Names and places of a dataset's files, and how its frames are divided into shards."""
+"""Names and places of a dataset's files, and the division of its frames into shards."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CROISSANT = "croissant.json"
 FIGURES = "card"
 DEFAULT_SHARD_SIZE = 100
 SHARDS_OF_A_SMALL_SET = 32
-"""Up to so many processes share a set of fewer than 32 times 100 frames."""
+"""Number of processes that can share a set of fewer than 32 times 100 frames."""
 CODECS = ("png", "jxl")
 TABLES = ("frames", "stars", "objects")
 """Tables of a dataset; each is a folder of Parquet files, one per shard."""
@@ -25,7 +25,7 @@ IMU = "imu"
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """Options of a dataset, beside its scenario.
+    """Options of a dataset, in addition to its scenario.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class DatasetSpec:
     shard_size : int
         Frames per shard.
     exr : bool
-        Whether the expected electrons are stored too.
+        Whether the expected electrons are also stored.
     codec : str
         Image format: ``png`` (16-bit), or ``jxl`` (lossless JPEG XL, 16-bit).
     """
@@ -120,9 +120,10 @@ def imu_places(scenario: Scenario, split: str, first: int, stop: int) -> dict[in
 
 
 def natural_shard_size(frame_count: int) -> int:
-    """Frames per shard where nobody asks for a size: small sets are cut so that many processes have work.
+    """Default number of frames per shard: small sets are divided so that many processes have work.
 
-    It depends on the number of frames alone, not on the machine: whoever runs or continues a scenario gets the same shards.
+    It depends only on the number of frames, not on the machine, so everybody who runs or continues a scenario gets the
+    same shards.
     """
     return min(DEFAULT_SHARD_SIZE, math.ceil(frame_count / SHARDS_OF_A_SMALL_SET))
 

@@ -35,14 +35,14 @@ class Manifest:
     scenario, scenario_sha256 : str
     seed : int
     skybench : str
-        Version that made the dataset.
+        Version of skybench that wrote the dataset.
     split, codec : str
     shard_size : int
     exr : bool
     first, stop : int
         Frames first to stop - 1 of the scenario.
     files : tuple of StoredFile
-        Every file but the manifest, logs and receipts, sorted by path.
+        Every file except the manifest, logs and receipts, sorted by path.
     """
 
     scenario: str
@@ -86,7 +86,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     GeneratorError
-        It is missing (an unfinished run), is not a manifest, or names a file outside the dataset.
+        It is missing (because a run was not finished), is not a manifest, or names a file outside the dataset.
     """
     path = folder / MANIFEST
     manifest = _parsed(manifest_bytes(path, "skybench generate"), str(path))
@@ -96,7 +96,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def manifest_of(target: Target) -> Manifest | None:
-    """The manifest of a dataset that may be unfinished or damaged; None where there is none, or none that can be read."""
+    """Return the manifest of a dataset that may be unfinished or damaged; None if there is no readable one."""
     size = target.size(MANIFEST)
     if size is None or size > LARGEST_MANIFEST_BYTES:
         return None
@@ -121,7 +121,7 @@ def _parsed(text: bytes, name: str) -> Manifest:
         if strangers := set(content) - set(texts) - set(counts) - {"exr"}:
             raise ValueError(f"key {min(strangers)} is unknown")
         manifest = Manifest(**texts, **counts, exr=content["exr"], files=files)
-        # The split is a part of paths, and the codec of names.
+        # The split is part of paths, and the codec part of names.
         DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
         return manifest
     except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -1,4 +1,4 @@
-"""Making shards on a Ray cluster: a local one by default, or the one at an address."""
+"""Generate shards on a Ray cluster: a local one by default, or the one at an address."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ CONNECT_TIMEOUT_S = 5.0
 
 
 def ray_runner(address: str | None = None) -> Runner:
-    """Return a backend that gives each shard to Ray as a task of one core, retried when its worker or node dies.
+    """Return a backend that submits each shard to Ray as a single-core task, retried if its worker or node dies.
 
     Parameters
     ----------
     address : str, optional
-        Of a running cluster; without one, Ray starts a cluster on this machine.
+        Address of a running cluster; by default, Ray starts a cluster on this machine.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Reading finished datasets back: tables, and frames with their image at full depth, record and truth.
+"""Read finished datasets: tables, and frames with their image at full depth, record and truth.
 
-A dataset has a length and answers an index, so PyTorch's ``DataLoader`` takes it as it is or through :meth:`Dataset.map`;
+A dataset has a length and can be indexed, so PyTorch's ``DataLoader`` accepts it directly or through :meth:`Dataset.map`;
 docs/exports.md shows this and other libraries.
 
 Examples
@@ -46,19 +46,19 @@ from generator.stored_files import LARGEST_MANIFEST_BYTES, StoredFile, stored_fi
 
 Sample = TypeVar("Sample")
 NEVER_NULL = ("index", "frame_id", "scenario", "scenario_sha256", "width_px", "height_px", "shard", "image")
-"""Columns of the table of frames that no frame is without."""
+"""Columns of the table of frames that are never empty."""
 SCHEMAS = {"frames": FRAME_SCHEMA, "stars": STAR_SCHEMA, "objects": OBJECT_SCHEMA, IMU: IMU_SCHEMA}
 
 
 @dataclass(frozen=True)
 class ShardFrame:
-    """A frame of an archive; its files are decoded when they are first asked for.
+    """A frame of an archive; its files are decoded when they are first accessed.
 
     Attributes
     ----------
     frame_id : str
     members : dict of str to bytes
-        Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and where the dataset has them ``exr``, ``developed.png``,
+        Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and if the dataset has them ``exr``, ``developed.png``,
         ``hud.png``, ``mask.png``, ``photo.jpg`` or ``photo.heic``, ``stack.fits``, ``video.mp4``.
     path : Path
         The archive, for messages.
@@ -70,7 +70,7 @@ class ShardFrame:
 
     @functools.cached_property
     def image(self) -> NDArray[np.uint16]:
-        """DN, (height, width) uint16 array; of a colour sensor the raw mosaic. Raises GeneratorError."""
+        """DN, (height, width) uint16 array; for a colour sensor, the raw mosaic. Raises GeneratorError."""
         for codec in CODECS:
             if codec in self.members:
                 with _Damage(self):
@@ -90,22 +90,22 @@ class ShardFrame:
 
     @functools.cached_property
     def developed(self) -> NDArray[np.uint8] | None:
-        """The developed picture, (height, width) or (height, width, 3); None where the scenario asks for none."""
+        """The developed picture, (height, width) or (height, width, 3); None if the scenario does not request one."""
         return self._picture("developed.png")
 
     @functools.cached_property
     def hud(self) -> NDArray[np.uint8] | None:
-        """255 where the head-up display covers the frame, (height, width); None where there is none."""
+        """255 where the head-up display covers the frame, (height, width); None if there is no display."""
         return self._picture("hud.png")
 
     @functools.cached_property
     def mask(self) -> NDArray[np.uint8] | None:
-        """What is not sky, (height, width): 255 where none of a pixel is, 0 where all is; None without a foreground."""
+        """Cover of the sky, (height, width): 255 for pixels without sky, 0 for sky alone; None without a foreground."""
         return self._picture("mask.png")
 
     @functools.cached_property
     def photo(self) -> NDArray[np.uint8] | None:
-        """Pixels of the photograph's file, (height, width) or (height, width, 3); None where the scenario asks for none."""
+        """Pixels of the photograph's file, (height, width) or (height, width, 3); None if there is none."""
         stored = [self.members[suffix] for suffix in PHOTOS if suffix in self.members]
         if not stored:
             return None
@@ -113,7 +113,7 @@ class ShardFrame:
             return photo(stored[0], image_shape(self.record))
 
     def file(self, suffix: str) -> bytes:
-        """A member as it is stored; of a PNG only if it is one of the camera's size. Raises GeneratorError."""
+        """A member as stored; a PNG must have the camera's size. Raises GeneratorError."""
         if suffix.endswith("png"):
             with _Damage(self):
                 check_png(self.members[suffix], image_shape(self.record))
@@ -128,24 +128,24 @@ class ShardFrame:
 
 @dataclass(frozen=True)
 class Frame(ShardFrame):
-    """A frame of a dataset; its rows of the tables are read when they are first asked for.
+    """A frame of a dataset; its rows of the tables are read when they are first accessed.
 
     Attributes
     ----------
     truth : callable
-        Gives the rows of a table (``stars``, ``objects``) that belong to a frame's index.
+        Returns the rows of a table (``stars``, ``objects``) for a frame's index.
     """
 
     truth: Callable[[str, int], pa.Table]
 
     @functools.cached_property
     def stars(self) -> pa.Table:
-        """Its rows of the table of stars (``.to_pandas()`` makes a data frame). Raises GeneratorError."""
+        """The frame's rows of the table of stars (``.to_pandas()`` converts them to a data frame). Raises GeneratorError."""
         return self.truth("stars", self.index)
 
     @functools.cached_property
     def objects(self) -> pa.Table:
-        """Its rows of the table of objects. Raises GeneratorError."""
+        """The frame's rows of the table of objects. Raises GeneratorError."""
         return self.truth("objects", self.index)
 
 
@@ -156,7 +156,7 @@ class Dataset:
     Attributes
     ----------
     folder : Path
-        Where its files are, or where they are kept once they have come from `url`.
+        Folder of its files, or of the cache for files fetched from `url`.
     manifest : Manifest
     url : str
         Empty for a dataset on this machine.
@@ -173,15 +173,15 @@ class Dataset:
         Parameters
         ----------
         place : str or Path
-            What `skybench generate --out` was given: a folder, or a URL that fsspec knows.
+            The argument of `skybench generate --out`: a folder, or a URL that fsspec supports.
         cache : Path, optional
-            Where files of a URL are kept, each fetched when it is first needed and compared with the manifest's SHA-256; by
-            default the user's cache folder.
+            Folder for the files of a URL, each fetched when it is first needed and compared with the manifest's SHA-256;
+            by default the user's cache folder.
 
         Raises
         ------
         GeneratorError
-            It cannot be reached, or is no finished dataset.
+            The dataset cannot be reached, or is not finished.
         """
         if "://" not in str(place):
             folder = Path(place)
@@ -207,7 +207,7 @@ class Dataset:
         return len(self._places)
 
     def __getitem__(self, position: int) -> Frame:
-        """Frame by its place in the dataset, from 0; negative numbers count from the end."""
+        """Return a frame by its position in the dataset, from 0; negative numbers count from the end."""
         stem, image = self._places[position]
         frame_id = image.partition(".")[0]
         path = self._file("data", stem)
@@ -220,18 +220,18 @@ class Dataset:
         return self._frame(StoredFrame(frame_id, members), path)
 
     def __iter__(self) -> Iterator[Frame]:
-        """All frames in order, each shard read once."""
+        """Yield all frames in order, reading each shard once."""
         for file in self._listed("data"):
             yield from self.shard(Path(file.path).stem)
 
     def shard(self, stem: str) -> Iterator[Frame]:
-        """Frames of one shard, such as ``shard-000000``, in order. Raises GeneratorError."""
+        """Yield the frames of one shard, such as ``shard-000000``, in order. Raises GeneratorError."""
         path = self._file("data", stem)
         for stored in read_frames(path):
             yield self._frame(stored, path)
 
     def map(self, function: Callable[[Frame], Sample]) -> MappedDataset[Sample]:
-        """The dataset with each frame replaced by what `function` makes of it, when it is asked for."""
+        """Return the dataset with each frame replaced by the result of `function`, computed on access."""
         return MappedDataset(self, function)
 
     def paths(self, table: str) -> list[Path]:
@@ -239,9 +239,9 @@ class Dataset:
         return [self.local(file) for file in self._listed(table)]
 
     def table(self, name: str, columns: Collection[str] | None = None) -> pa.Table:
-        """The whole table ``frames``, ``stars``, ``objects`` or ``imu``, or those of its columns that there are.
+        """Return the table ``frames``, ``stars``, ``objects`` or ``imu``, or those of the given columns that exist.
 
-        Of other columns nothing is read, which takes a fraction of the memory.
+        Other columns are not read, which saves memory.
 
         Raises
         ------
@@ -270,11 +270,11 @@ class Dataset:
         return self.table("objects")
 
     def imu(self) -> pa.Table:
-        """The table of the sequences' inertial unit; without rows where the scenario has none."""
+        """The table of the sequences' inertial unit; without rows if the scenario has none."""
         return self.table(IMU)
 
     def stored_frames(self) -> Iterator[StoredFrame]:
-        """All frames in order, as stored.
+        """Yield all frames in order, as stored.
 
         Raises
         ------
@@ -297,7 +297,7 @@ class Dataset:
         return [file for file in self.manifest.files if file.path.startswith(f"{table}/")]
 
     def _file(self, table: str, stem: str) -> Path:
-        """A shard's file, among those that the manifest lists."""
+        """Return a shard's file, which the manifest must list."""
         file = self._by_shard.get((table, stem))
         if file is None:
             raise GeneratorError(f"{self.folder}: the manifest lists no {table} of {stem}; run `skybench verify`")
@@ -309,7 +309,7 @@ class Dataset:
         return {(Path(file.path).parts[0], Path(file.path).stem): file for file in self.manifest.files}
 
     def local(self, file: StoredFile) -> Path:
-        """A file that the manifest lists, on this machine; fetched if necessary. Raises GeneratorError."""
+        """Return the local path of a file in the manifest, fetched if necessary. Raises GeneratorError."""
         path = linked_within(self.folder, file.path)
         if not self.url or path.is_file():
             return path
@@ -341,7 +341,7 @@ class Dataset:
 
 @dataclass(frozen=True)
 class MappedDataset(Generic[Sample]):
-    """Frames of a dataset, each put through a function; see :meth:`Dataset.map`."""
+    """Frames of a dataset, each passed through a function; see :meth:`Dataset.map`."""
 
     dataset: Dataset
     function: Callable[[Frame], Sample]
@@ -354,7 +354,7 @@ class MappedDataset(Generic[Sample]):
 
 
 def read_shard(path: str | Path) -> Iterator[ShardFrame]:
-    """Frames of one archive by itself, in order: images and records, without the tables of a dataset.
+    """Yield the frames of a single archive in order: images and records, without the tables of a dataset.
 
     Raises
     ------
@@ -373,19 +373,19 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
     Parameters
     ----------
     key : str
-        Suffix, with or without a dot before it.
+        Suffix, with or without a leading dot.
     data : bytes
 
     Returns
     -------
     array, dict or None
         uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png``, ``hud.png``, ``mask.png`` and
-        ``photo.jpg`` or ``photo.heic``, the record for ``json``; None for others, which webdataset then leaves as they are.
+        ``photo.jpg`` or ``photo.heic``, the record for ``json``; None for others, which webdataset then leaves unchanged.
 
     Raises
     ------
     GeneratorError
-        It is damaged, or no record.
+        The file is damaged, or not a record.
     """
     suffix = key.lstrip(".")
     if suffix in CODECS:
@@ -398,7 +398,7 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
 
 
 class _Damage:
-    """Whatever decoding a file from others can raise, as one line with its names."""
+    """Context that converts any error from decoding a foreign file to one line with its names."""
 
     def __init__(self, frame: ShardFrame) -> None:
         self.frame = frame
@@ -416,7 +416,7 @@ class _Damage:
 
 
 def _state(path: Path) -> tuple[int, int]:
-    """What changes when a file does: size and time of change."""
+    """Return the properties that change with a file: size and modification time."""
     try:
         found = path.stat()
     except OSError as error:
@@ -432,7 +432,7 @@ def _indexed(path: Path, size: int, changed_ns: int) -> dict[str, dict[str, Plac
 def checked_table(
     name: str, path: Path, most_rows: int | None = None, columns: Collection[str] | None = None
 ) -> pa.Table:
-    """A part of a table (one of SCHEMAS) or some of its columns, as stored. Raises GeneratorError."""
+    """Read a part of a table (one of SCHEMAS) or some of its columns, as stored. Raises GeneratorError."""
     needed = NEVER_NULL if name == "frames" else ("index",) if name in TABLES else ()
     try:
         return read_table(

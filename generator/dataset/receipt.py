@@ -1,4 +1,4 @@
-"""What is known of a shard's files once they are whole: the receipt, and whether they are still what it says."""
+"""Receipts: lists of a shard's complete files, and checks of the files against them."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from generator.stored_files import StoredFile, listed_files, stored_file
 
 FORMAT = "skybench-receipt/1"
 LARGEST_RECEIPT_BYTES = 1_000_000
-"""It lists four files."""
+"""Limit of the size of a receipt, which lists four files."""
 
 
 def write_receipt(
     folder: Path, shard: Shard, scenario: Scenario, spec: DatasetSpec, files: tuple[StoredFile, ...]
 ) -> None:
-    """Write a shard's receipt, atomically; what marks the shard as complete is written last."""
+    """Write a shard's receipt atomically; it is written last, because it marks the shard as complete."""
     receipt = {
         "format": FORMAT,
         "scenario_sha256": scenario.sha256,
@@ -37,7 +37,7 @@ def write_receipt(
 
 
 def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: DatasetSpec) -> tuple[StoredFile, ...] | None:
-    """Files of a shard as its receipt lists them, or None where there is no whole receipt of these frames.
+    """Return a shard's files from its receipt, or None if there is no intact receipt of these frames.
 
     Raises
     ------
@@ -68,9 +68,9 @@ def finished_files(
     spec: DatasetSpec,
     size_of: Callable[[str], int | None] | None = None,
 ) -> tuple[StoredFile, ...] | None:
-    """Files of a shard that is complete, of the sizes that its receipt lists; None for another. Raises as `read_receipt`.
+    """Return the files of a complete shard with the sizes in its receipt, otherwise None. Raises as `read_receipt`.
 
-    `size_of` gives sizes that are known already, by places; without it the target is asked.
+    `size_of` supplies sizes that are already known, by place; without it the target is queried.
     """
     size_of = size_of or target.size
     files = read_receipt(target, shard, scenario, spec)
@@ -78,7 +78,7 @@ def finished_files(
 
 
 def damaged_files(target: Target, files: tuple[StoredFile, ...]) -> tuple[str, ...]:
-    """Paths of files that are missing or not what they were: by hashes in a folder, by sizes in an object store."""
+    """Paths of files that are missing or have changed: compared by hash in a folder, by size in an object store."""
     return tuple(file.path for file in files if not _intact(target, file))
 
 

@@ -1,4 +1,4 @@
-"""Making a dataset: shards on one or several processes; resumes if interrupted, with the same bytes."""
+"""Generate a dataset: shards on one or several processes; an interrupted run can be resumed, with the same bytes."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from generator.processes import begin, follow_parent, packed
 from generator.scenario.file import Scenario, parse_scenario
 
 TRIES_PER_SHARD = 3
-"""A worker may die by chance, for want of memory, but hardly three times on one shard."""
+"""A worker may die by chance, or for lack of memory, but hardly three times on one shard."""
 POLL_S = 0.2
 
 
 @dataclass(frozen=True)
 class Part:
-    """One of n jobs that share a dataset: it makes the shards whose index leaves `index` when divided by `count`."""
+    """One of n jobs that share a dataset: it generates the shards whose index modulo `count` is `index`."""
 
     index: int = 0
     count: int = 1
@@ -47,19 +47,19 @@ class Part:
             )
 
     def of(self, shards: Sequence[Shard]) -> list[Shard]:
-        """The shards that this job makes."""
+        """The shards that this job generates."""
         return [shard for shard in shards if shard.index % self.count == self.index]
 
 
 @dataclass(frozen=True)
 class ShardRange:
-    """One of several jobs that share a dataset: it makes the shards `first` to `stop` - 1."""
+    """One of several jobs that share a dataset: it generates the shards `first` to `stop` - 1."""
 
     first: int
     stop: int
 
     def of(self, shards: Sequence[Shard]) -> list[Shard]:
-        """The shards that this job makes. Raises GeneratorError where the dataset lacks some of the range."""
+        """The shards that this job generates. Raises GeneratorError if the dataset lacks some of the range."""
         known = shards[0].index, shards[-1].index + 1
         if not known[0] <= self.first < self.stop <= known[1]:
             raise GeneratorError(
@@ -75,11 +75,11 @@ class RunReport:
     Attributes
     ----------
     reports : tuple of ShardReport
-        Of the shards of this part.
+        Reports of the shards of this part.
     missing : tuple of Shard
         Shards that the dataset still lacks, those of other parts included.
     mended : tuple of str
-        Files that were missing or not what they had been, and are made again.
+        Files that were missing or had changed, and were written again.
     """
 
     reports: tuple[ShardReport, ...]
@@ -88,25 +88,25 @@ class RunReport:
 
     @property
     def failures(self) -> tuple[FailedFrame, ...]:
-        """Frames that could not be made."""
+        """Frames that could not be rendered."""
         return tuple(failure for report in self.reports for failure in report.failures)
 
 
 def open_dataset_target(target: Target, scenario: Scenario, text: str) -> list[str]:
     """Prepare a dataset's place: store the copy of the scenario, then the files that it names.
 
-    A place that holds another scenario's dataset is refused. Where the manifest there says that it is this scenario's,
-    copies that differ are damaged ones, and are stored anew.
+    A place with another scenario's dataset is refused. If the manifest there states that it is this scenario's, copies
+    that differ are damaged, and are replaced.
 
     Returns
     -------
     list of str
-        Those that were damaged.
+        Copies that were damaged.
 
     Raises
     ------
     GeneratorError
-        The place holds another dataset or other files, or cannot be written.
+        The place contains another dataset or other files, or cannot be written.
     """
     for file in scenario.files:
         check_name(file.path)
@@ -123,7 +123,7 @@ def open_dataset_target(target: Target, scenario: Scenario, text: str) -> list[s
 def _store_scenario(target: Target, scenario: Scenario, text: str, ours: bool) -> list[str]:
     copy = target.read(SCENARIO_COPY)
     others = [] if copy is not None or ours else [name for name in target.listing() if not name.startswith(".")]
-    if SCENARIO_COPY in others:  # another job of the dataset began between the two questions
+    if SCENARIO_COPY in others:  # another job of the dataset began between the two queries
         copy = target.read(SCENARIO_COPY)
     if copy == text.encode():
         return []
@@ -159,9 +159,9 @@ def run_shards(
     workers: int,
     progress: Callable[[int], None] = lambda index: None,
 ) -> Iterator[ShardReport]:
-    """Make shards, in this process (`workers` 0) or in `workers` processes of one thread each; reports as they finish.
+    """Generate shards in this process (`workers` 0) or in `workers` single-threaded processes; yields reports as they finish.
 
-    The shard of a worker that dies is queued again, at most TRIES_PER_SHARD times.
+    If a worker dies, its shard is queued again, up to TRIES_PER_SHARD times.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def _pool_round(
     waiting: dict[int, tuple[Shard, int]],
     progress: Callable[[int], None],
 ) -> Iterator[ShardReport]:
-    """Give all waiting shards to a pool of processes; ends early, with shards left waiting, when a worker dies."""
+    """Give all waiting shards to a pool of processes; ends early, with shards left waiting, if a worker dies."""
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     manager = SyncManager(ctx=context)
@@ -225,8 +225,8 @@ def _pool_round(
 
 @contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
-    """Hold back SIGINT; processes started meanwhile never see it, so Ctrl-C is this process's to handle."""
-    # Where it has to be started first, the tracker of resources lets SIGINT through again.
+    """Block SIGINT; processes started meanwhile never receive it, so that only this process handles Ctrl-C."""
+    # If it must be started first, the resource tracker unblocks SIGINT.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -236,7 +236,7 @@ def deaf_to_interrupts() -> Iterator[None]:
 
 
 def _drain(done: Any, progress: Callable[[int], None]) -> None:
-    """Pass on the frames that workers have announced."""
+    """Report the frames that workers have announced."""
     while True:
         try:
             progress(done.get_nowait())
@@ -245,14 +245,14 @@ def _drain(done: Any, progress: Callable[[int], None]) -> None:
 
 
 Runner = Callable[[Scenario, DatasetSpec, list[Shard], Target, int, Callable[[int], None]], Iterator[ShardReport]]
-"""A backend: makes shards and yields a report for each, as :func:`run_shards` does."""
+"""A backend: generates shards and yields a report for each, as :func:`run_shards` does."""
 
 _worker: dict[str, Any] = {}
 """Arguments of a worker process; empty in every other process."""
 
 
 def prepare_worker() -> None:
-    """Limit Dr.Jit and linear algebra in this process to one thread, and its life to that of the process that started it."""
+    """Limit Dr.Jit and linear algebra in this process to one thread, and its lifetime to that of its parent."""
     follow_parent()
     from generator.mitsuba_runtime import set_threads
 

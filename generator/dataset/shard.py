@@ -1,4 +1,4 @@
-"""Rendering one shard: a pure function of scenario, dataset and shard, apart from the files it writes."""
+"""Render one shard: a pure function of scenario, dataset and shard, apart from the files that it writes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TRIES_PER_FRAME = 2
 
 @dataclass(frozen=True)
 class FailedFrame:
-    """A frame that could not be made, after all tries."""
+    """A frame that could not be rendered in any of the attempts."""
 
     index: int
     error: str
@@ -50,9 +50,9 @@ class ShardReport:
     files : tuple of StoredFile
     failures : tuple of FailedFrame
     skipped : bool
-        It was complete.
+        Whether it was already complete.
     damaged : tuple of str
-        Files that its receipt lists, and that were missing or not what they had been, for which it was made again.
+        Files in its receipt that were missing or had changed, so that the shard was rendered again.
     """
 
     shard: Shard
@@ -69,7 +69,7 @@ class ShardReport:
 
 @dataclass(frozen=True)
 class Truth:
-    """Truth tables of a shard, being written."""
+    """Truth tables of a shard that are being written."""
 
     stars: TableWriter
     objects: TableWriter
@@ -82,10 +82,10 @@ def render_shard(
     target: Target,
     progress: Callable[[int], None] = lambda index: None,
 ) -> ShardReport:
-    """Render a shard into a dataset, unless it is complete already and its files are what its receipt says.
+    """Render a shard into a dataset, unless it is already complete and its files agree with its receipt.
 
-    All frames are made before any file takes its final name; the receipt is stored last. A frame that fails is tried again;
-    if it fails twice, the other frames are still rendered, but the shard is not stored.
+    All frames are rendered before any file takes its final name; the receipt is stored last. A frame that fails is tried
+    again; if it fails twice, the other frames are still rendered, but the shard is not stored.
 
     Parameters
     ----------
@@ -93,9 +93,9 @@ def render_shard(
     spec : DatasetSpec
     shard : Shard
     target : Target
-        Where the dataset is.
+        Place of the dataset.
     progress : callable
-        Called with the index of each frame that is done.
+        Called with the index of each finished frame.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def render_shard(
         return replace(report, damaged=damaged)
     except OSError as error:
         with suppress(OSError):
-            # A second job of the same shards, at its end, takes temporary files for those of killed ones.
+            # A second job with the same shards, when it ends, mistakes temporary files for those of killed jobs.
             made = finished_files(target, shard, scenario, spec)
             if made is not None and not damaged_files(target, made):
                 return ShardReport(shard, made, ())
@@ -167,7 +167,7 @@ def _write_frames(
 ) -> None:
     """Write the archive and the truth of a shard and collect its table of frames.
 
-    Raises _FramesFailedError when a frame is missing.
+    Raises _FramesFailedError if a frame is missing.
     """
     failures: list[FailedFrame] = []
     with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as archive:
@@ -198,7 +198,7 @@ def _write_frames(
 
 
 class _FramesFailedError(Exception):
-    """Some frames of a shard could not be made."""
+    """Some frames of a shard could not be rendered."""
 
     def __init__(self, failures: tuple[FailedFrame, ...]) -> None:
         super().__init__(f"{len(failures)} frames failed")
@@ -206,7 +206,7 @@ class _FramesFailedError(Exception):
 
 
 def _try_frame(scenario: Scenario, index: int, spec: DatasetSpec, log: TextIO) -> RenderedFrame | FailedFrame:
-    """Render a frame, twice if it fails; errors of the operating system, such as a full disk, are raised."""
+    """Render a frame, with a second attempt if it fails; errors of the operating system, such as a full disk, are raised."""
     problem = ""
     for attempt in range(TRIES_PER_FRAME):
         try:
@@ -220,7 +220,7 @@ def _try_frame(scenario: Scenario, index: int, spec: DatasetSpec, log: TextIO) -
 
 
 def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
-    """Add a member with no date or owner, so that the same frames make the same archive."""
+    """Add a member without date or owner, so that the same frames give the same archive."""
     member = tarfile.TarInfo(name)
     member.size = len(data)
     archive.addfile(member, io.BytesIO(data))

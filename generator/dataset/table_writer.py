@@ -12,9 +12,10 @@ import pyarrow.parquet as pq
 from generator.files import atomic_path
 
 ROWS_PER_GROUP = 1 << 17
-"""About 20 MB of truth of stars in memory at a time."""
+"""Rows per group; about 20 MB of star truth in memory at a time."""
 ZSTD_LEVEL = -1
-"""Two thirds of the time of level 1, for files 4 % larger: most bytes are the ends of mantissas, which nothing compresses."""
+"""Compression level. It takes two thirds of the time of level 1, for files 4 % larger, because most bytes are the ends of
+mantissas, which cannot be compressed."""
 REPEATED = ("index", "frame_id", "kind", "split", "shard")
 """Columns with few distinct values, stored with a dictionary."""
 
@@ -22,7 +23,7 @@ REPEATED = ("index", "frame_id", "kind", "split", "shard")
 class TableWriter:
     """Collects tables and writes them in row groups of at least ROWS_PER_GROUP rows.
 
-    Where the groups end depends on the tables alone, so the same frames make the same file.
+    The ends of groups depend only on the tables, so the same frames give the same file.
     """
 
     def __init__(self, writer: pq.ParquetWriter) -> None:
@@ -39,7 +40,7 @@ class TableWriter:
 
     def flush(self) -> None:
         """Write the pending rows as one row group."""
-        # A row group without rows stops the readers of `datasets`; a file without row groups does not.
+        # An empty row group stops the readers of `datasets`; a file without row groups does not.
         if self._rows:
             self._writer.write_table(pa.concat_tables(self._waiting), row_group_size=self._rows)
         self._waiting, self._rows = [], 0

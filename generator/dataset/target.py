@@ -17,9 +17,9 @@ from generator.files import atomic_path, path_within, read_at_most
 INCOMING_PREFIX = ".incoming-"
 TRIES_PER_PUT = 3
 LARGEST_READ_BYTES = 200_000_000
-"""Of what is read whole: manifests, receipts, and files that a scenario names."""
+"""Limit of files that are read completely: manifests, receipts, and files that a scenario names."""
 BLOCK_BYTES = 1 << 16
-"""Of an object that is read in parts: more than the footer of most tables."""
+"""Block size of an object that is read in parts: more than the footer of most tables."""
 
 
 class Target(Protocol):
@@ -30,10 +30,10 @@ class Target(Protocol):
         """Name for messages."""
 
     def read(self, place: str, most: int = LARGEST_READ_BYTES) -> bytes | None:
-        """Contents of a file of at most so many bytes, or None when it is not there."""
+        """Contents of a file of at most `most` bytes, or None if it does not exist."""
 
     def size(self, place: str) -> int | None:
-        """Size of a file in bytes, or None when it is not there."""
+        """Size of a file in bytes, or None if it does not exist."""
 
     def put(self, local: Path, place: str) -> None:
         """Store a local file; it appears under its name only when complete."""
@@ -44,14 +44,14 @@ class Target(Protocol):
     def fetch(self, place: str, scratch: Path, most: int | None = None) -> Path:
         """A local file with the contents of a stored one, copied into the folder `scratch` if necessary.
 
-        Of what is copied, no more than `most` bytes; a larger one raises OSError.
+        At most `most` bytes are copied; a larger file raises OSError.
         """
 
     def open(self, place: str) -> AbstractContextManager[BinaryIO]:
-        """A stored file to read parts of."""
+        """Open a stored file for reading parts of it."""
 
     def sizes(self, folder: str) -> dict[str, int]:
-        """Sizes in bytes of all files under a folder, by their places; none where it is not there."""
+        """Sizes in bytes of all files under a folder, by their places; empty if the folder does not exist."""
 
     def listing(self) -> list[str]:
         """Names at the dataset's root."""
@@ -88,7 +88,7 @@ class LocalTarget:
                     shutil.copyfile(local, waiting)
                 return
             except FileNotFoundError:
-                # Another job of the dataset, at its end, takes temporary files for those of killed ones.
+                # Another job of the dataset, when it ends, mistakes temporary files for those of killed jobs.
                 if not tries_left or not local.exists():
                     raise
 
@@ -132,12 +132,12 @@ class RemoteTarget:
 
     @property
     def _is_http(self) -> bool:
-        """Whether the length of an object is what a server of anybody's says it is, and need not hold."""
+        """Whether objects come from an arbitrary web server, so that the stated length of an object may be wrong."""
         return self.url.startswith(("http://", "https://"))
 
     @contextmanager
     def _open(self, place: str) -> Iterator[tuple[Any, str]]:
-        """File system and path of an object; whatever the store raises comes as an OSError that names the object."""
+        """File system and path of an object; any error of the store is raised as an OSError that names the object."""
         try:
             import fsspec
 
@@ -148,7 +148,7 @@ class RemoteTarget:
             yield system, f"{root}/{place}" if place else root
         except OSError:
             raise
-        except Exception as error:  # each store has classes of its own, for a connection that breaks off among others
+        except Exception as error:  # each store has its own classes, for example for a broken connection
             url = f"{self.url}/{place}" if place else self.url
             raise OSError(errno.EIO, f"{type(error).__name__}: {error}", url) from error
 
@@ -200,12 +200,12 @@ class RemoteTarget:
 
     @contextmanager
     def open(self, place: str) -> Iterator[BinaryIO]:
-        """An object, of which only the blocks that are read are downloaded."""
+        """Open an object, of which only the blocks that are read are downloaded."""
         with self._open(place) as (system, path), system.open(path, "rb", block_size=BLOCK_BYTES) as stream:
             yield stream
 
     def sizes(self, folder: str) -> dict[str, int]:
-        """Sizes of the objects under a folder: a request for every thousand of them."""
+        """Sizes of the objects under a folder: one request per thousand of them."""
         try:
             with self._open(folder) as (system, path):
                 system.invalidate_cache()
@@ -227,8 +227,8 @@ class RemoteTarget:
 
 
 def _pieces(system: Any, path: str, most: int) -> Iterator[bytes]:
-    """An answer of a web server as it comes; raises OSError once it is larger than it may be, whatever it said before."""
-    with system.open(path, "rb", block_size=0) as stream:  # 0: one answer, not one for every block
+    """Yield a web server's response; raises OSError once it exceeds the limit, whatever length was stated."""
+    with system.open(path, "rb", block_size=0) as stream:  # 0: one response, not one per block
         left = most
         while piece := stream.read(BLOCK_BYTES):
             left -= len(piece)
@@ -238,7 +238,7 @@ def _pieces(system: Any, path: str, most: int) -> Iterator[bytes]:
 
 
 def _check_size(system: Any, path: str, most: int | None) -> None:
-    """Refuse an object of a store by the size that the store has of it. Raises OSError."""
+    """Check an object's size according to its store. Raises OSError if it is too large."""
     if most is None:
         return
     system.invalidate_cache()

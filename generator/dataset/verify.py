@@ -1,7 +1,7 @@
 """`skybench verify`: compares a dataset on disk with its manifest, and the manifest with its scenario.
 
-Logs are not covered: they hold times, and nothing is made of them. Receipts, which a dataset that is handed on may lack, must
-agree with the manifest where they are.
+Logs are not covered: they contain times, and nothing depends on them. Receipts, which a distributed dataset may lack,
+must agree with the manifest if they exist.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from generator.scenario.file import load_scenario
 from generator.stored_files import StoredFile, file_problem, problems_of_files, strange_files
 
 OPTIONAL_PICTURES = {"developed.png", "hud.png", "mask.png"}
-"""Further members of a frame whose sensor develops a picture or shows a head-up display, or whose sky is partly hidden."""
+"""Additional members of a frame whose sensor develops a picture or shows a head-up display, or whose sky is partly hidden."""
 OPTIONAL_MEMBERS = OPTIONAL_PICTURES | {*PHOTOS, "stack.fits", "video.mp4"}
-"""These, the photograph's file, and members of a frame that is a stack of a video."""
+"""These, photograph files, and members of a frame that is a stack of a video."""
 PNG_MEMBERS = {"png"} | OPTIONAL_PICTURES
 NOT_COVERED = "logs"
 
@@ -60,7 +60,7 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
 
 
 def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
-    """Disagreements between the manifest and the scenario beside it, and shards that the manifest does not list."""
+    """Contradictions between the manifest and the scenario next to it, and shards that the manifest does not list."""
     try:
         scenario = load_scenario(folder / SCENARIO_COPY)
         spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
@@ -80,12 +80,12 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
 
 
 def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[str]]:
-    """Paths at which receipts may be, and those that are damaged or say something else than the manifest."""
+    """Paths at which receipts may be, and problems of receipts that are damaged or contradict the manifest."""
     try:
         scenario = load_scenario(folder / SCENARIO_COPY)
         spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
         shards = divide(scenario, spec, manifest.first, manifest.stop)
-    except GeneratorError:  # named by the check of the scenario
+    except GeneratorError:  # reported by the check of the scenario
         return set(), []
     listed = {file.path: file for file in manifest.files}
     found = []
@@ -119,7 +119,7 @@ def _file_problem(folder: Path, listed: StoredFile) -> str:
 
 
 def _content_problems(dataset: Dataset) -> list[str]:
-    """Disagreements between tables and archives whose bytes are as listed, one shard in memory at a time."""
+    """Contradictions between tables and archives whose bytes are as listed, with one shard in memory at a time."""
     found = []
     try:
         for name in (*TABLES[1:], IMU):
@@ -133,7 +133,7 @@ def _content_problems(dataset: Dataset) -> list[str]:
 
 
 def _shard_problems(dataset: Dataset, archive: Path) -> list[str]:
-    """Disagreements between a shard's table of frames, its records and its images. Raises GeneratorError."""
+    """Contradictions between a shard's table of frames, its records and its images. Raises GeneratorError."""
     table = archive.parents[2] / "frames" / archive.parent.name / f"{archive.stem}.parquet"
     rows = checked_table("frames", table, dataset.manifest.shard_size)["frame_id"].to_pylist()
     wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())

@@ -1,4 +1,4 @@
-"""Distributions side by side, as a picture that stands alone."""
+"""Distributions side by side, as a standalone picture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from generator.drawing.svg import standalone_svg
 
 COLUMNS = 2
 WIDTH_PX, HEIGHT_PX = 230, 120
-"""Of one distribution's drawing area."""
+"""Size of one distribution's drawing area."""
 _LEFT, _RIGHT, _TOP, _BOTTOM = 48, 22, 28, 44
 _FEWEST_BINS, _MOST_BINS, _TICKS = 5, 30, 5
 
@@ -25,14 +25,14 @@ def draw_histograms(distributions: Sequence[tuple[str, NDArray[np.float64]]], co
     Parameters
     ----------
     distributions : sequence of (str, (n,) array)
-        Title with its unit, and finite values that differ; without any, the picture says so.
+        Title with its unit, and finite values that differ; if there are none, the picture says so.
     counted : str
-        What the bars count.
+        Name of the things that the bars count.
 
     Returns
     -------
     str
-        SVG.
+        The picture as SVG.
     """
     across, down = _LEFT + WIDTH_PX + _RIGHT, _TOP + HEIGHT_PX + _BOTTOM
     rows = -(-len(distributions) // COLUMNS)

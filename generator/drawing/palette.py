@@ -1,7 +1,8 @@
 """Colours of all pages and figures, each with its value on a light and on a dark page.
 
-The series are told apart with the common colour-vision deficiencies (after Okabe and Ito 2008, darkened or lightened to a
-contrast of at least 4 to 1 with the page); figures add shapes and dashes, so that print in one ink keeps them apart.
+The series are distinguishable with the common colour-vision deficiencies (after Okabe and Ito 2008, darkened or lightened
+to a contrast of at least 4 to 1 with the page); figures add shapes and dashes, so that they are also distinguishable in
+monochrome print.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Colour:
-    """A colour of the house: its CSS variable without the dashes, its values by day and by night, ``#rrggbb``."""
+    """A colour of the house style: its CSS variable without the dashes, its values on light and dark pages, ``#rrggbb``."""
 
     name: str
     light: str
@@ -19,7 +20,7 @@ class Colour:
 
     @property
     def css(self) -> str:
-        """What a page's style sheet gives a value to."""
+        """CSS expression to which a page's style sheet gives a value."""
         return f"var(--{self.name})"
 
 
@@ -48,7 +49,7 @@ PALETTE = (PAPER, INK, SOFT, LINE, PANEL, LINK, *SERIES)
 
 
 def palette_sheet() -> str:
-    """Style sheet that gives a page the colours; the attribute ``data-theme`` overrides the reader's system."""
+    """Style sheet that defines the colours of a page; the attribute ``data-theme`` overrides the reader's system."""
     values = " ".join(f"--{one.name}: light-dark({one.light}, {one.dark});" for one in PALETTE)
     return (
         f":root {{ color-scheme: light dark; {values} }}\n"

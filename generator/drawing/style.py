@@ -17,7 +17,7 @@ from generator.drawing.palette import INK, LINE, PAPER, SERIES, SOFT
 DPI = 72
 FONT_PX = 12.0
 LIGHT_PX = 1.0
-"""Width of axes, grids and limits."""
+"""Line width of axes, grids and limits."""
 HOUSE = {
     "axes.axisbelow": True,
     "axes.edgecolor": SOFT.light,
@@ -60,9 +60,9 @@ _LOCK = threading.RLock()
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the house style, whatever a matplotlibrc of the user says; one thread at a time.
+    """Draw in the house style, regardless of the user's matplotlibrc; one thread at a time.
 
-    Matplotlib keeps its settings in one place for all threads, so that threads that draw wait for each other.
+    Matplotlib's settings are shared by all threads, so threads that draw wait for each other.
     """
     keep = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
     defaults: dict[str, Any] = {name: value for name, value in mpl.rcParamsDefault.items() if name not in keep}
@@ -71,11 +71,11 @@ def house_style() -> Iterator[None]:
 
 
 def new_figure(width_px: float, height_px: float, background: bool = False) -> Figure:
-    """An empty figure, transparent unless it needs a background; Matplotlib's pyplot knows nothing of it."""
+    """Return an empty figure, transparent unless it needs a background; it is not registered with pyplot."""
     return Figure(figsize=(width_px / DPI, height_px / DPI), dpi=DPI, frameon=background)
 
 
 def axes_at(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
-    """Axes of a size at a place of the figure, px from its top left corner."""
+    """Add axes of a given size at a place in the figure, px from its top left corner."""
     across, down = figure.get_size_inches() * DPI
     return figure.add_axes((left / across, 1.0 - (top + height) / down, width / across, height / down))

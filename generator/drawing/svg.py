@@ -1,8 +1,8 @@
-"""Matplotlib's figures as lean SVG for pages, and as pictures that stand alone.
+"""Matplotlib's figures as lean SVG for pages, and as standalone pictures.
 
-Matplotlib's own SVG names a style on every element, which a page whose policy forbids inline styles would drop, gives
-ids that clash where a page holds several figures, and takes 20 kB for a panel. This backend writes what Matplotlib draws
-as plain elements: text as text, colours of the house as variables of the page, lengths to a tenth of a pixel, equal
+Matplotlib's own SVG names a style on every element, which a page whose policy forbids inline styles would drop, gives ids
+that clash if a page contains several figures, and takes 20 kB for a panel. This backend writes Matplotlib's drawing as
+plain elements: text as text, colours of the house style as variables of the page, lengths to a tenth of a pixel, equal
 neighbours together, no ids. The same figure gives the same bytes.
 """
 
@@ -28,26 +28,26 @@ from generator.drawing.style import DPI, FONT_PX, house_style
 FONTS = "system-ui,-apple-system,'Segoe UI',Roboto,'Noto Sans',sans-serif"
 _NAMES = {one.light: one for one in PALETTE}
 _ANCHORS = {"left": "", "center": "middle", "right": "end"}
-# Of a line of text in the reader's font, in units of its size: mean advance of a letter, height over the lowest point of
-# its letters, depth of that point below the base line.
+# Estimates for a line of text in the reader's font, in units of its size: mean advance of a letter, height above the
+# lowest point of its letters, depth of that point below the base line.
 _ADVANCE, _HEIGHT, _DEPTH = 0.55, 0.93, 0.21
 _LETTERS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: "C"}
 
 Attributes = tuple[tuple[str, str], ...]
 Element = tuple[Attributes, str, str]
-"""Attributes that neighbours may share, the tag's own words, and what it contains."""
+"""Attributes that neighbours may share, the tag's own text, and its content."""
 
 
 def inline_svg(figure: Figure, label: str, behind: str = "") -> str:
-    """Write a figure as an element of a page; its colours are the page's, by `palette.palette_sheet`.
+    """Write a figure as an element of a page; its colours are those of the page, defined by `palette.palette_sheet`.
 
     Parameters
     ----------
     figure : Figure
-        Drawn at its size in pixels. The gid of an artist becomes its title, which shows under the pointer. Images are
-        not supported.
+        Figure, drawn at its size in pixels. The gid of an artist becomes its title, which shows under the pointer. Images
+        are not supported.
     label : str
-        What the figure shows, for those who cannot see it.
+        Description of the figure for those who cannot see it.
     behind : str
         Markup drawn before the figure.
     """
@@ -59,7 +59,7 @@ def inline_svg(figure: Figure, label: str, behind: str = "") -> str:
 
 
 def standalone_svg(figure: Figure, label: str, description: str = "") -> str:
-    """Write a figure as a file of its own on the house's paper; it follows the reader from light to dark.
+    """Write a figure as a file of its own with the house style's background; it adapts to the reader's light or dark setting.
 
     Parameters
     ----------
@@ -85,16 +85,16 @@ def standalone_svg(figure: Figure, label: str, description: str = "") -> str:
 
 
 def svg_marks(figure: Figure, named: bool = True) -> str:
-    """Elements of a figure, without the element around them.
+    """Elements of a figure, without the enclosing element.
 
     Parameters
     ----------
     figure : Figure
     named : bool
-        Colours as the page's variables; otherwise as their values by day.
+        Whether colours are the page's variables; otherwise their values for a light page.
     """
     renderer = SvgRenderer(*_size(figure), named)
-    with house_style():  # Matplotlib makes ticks only when it draws them
+    with house_style():  # Matplotlib creates ticks only when it draws them
         figure.draw(renderer)
     return renderer.markup()
 
@@ -105,7 +105,7 @@ def _size(figure: Figure) -> tuple[int, int]:
 
 
 class SvgRenderer(RendererBase):
-    """Matplotlib's interface to what writes a figure; `markup` gives the elements."""
+    """Matplotlib's renderer interface for writing a figure; `markup` returns the elements."""
 
     def __init__(self, width: int, height: int, named: bool) -> None:
         super().__init__()
@@ -115,7 +115,7 @@ class SvgRenderer(RendererBase):
         self._elements: list[Element] = []
 
     def markup(self) -> str:
-        """All elements; neighbours that look the same share a group, and lines among them an element."""
+        """All elements; neighbours with the same look share a group, and lines among them an element."""
         parts = []
         for attributes, group in groupby(self._elements, key=lambda element: element[0]):
             tags = _joined([(words, inside) for _, words, inside in group], filled="fill" in dict(attributes))
@@ -132,7 +132,7 @@ class SvgRenderer(RendererBase):
         return self.width, self.height
 
     def get_text_width_height_descent(self, s: str, prop: FontProperties, ismath: Any) -> tuple[float, float, float]:
-        """About what a line of text takes: the reader's font is unknown, and none of this machine's is asked."""
+        """Approximate size of a line of text: the reader's font is unknown, and no font of this machine is used."""
         size = prop.get_size_in_points()
         return _ADVANCE * size * len(s), _HEIGHT * size, _DEPTH * size
 
@@ -151,7 +151,7 @@ class SvgRenderer(RendererBase):
         transform: Transform,
         rgbFace: Any = None,
     ) -> None:
-        """Lines and areas, cut off at the artist's rectangle."""
+        """Draw lines and areas, clipped to the artist's rectangle."""
         attributes = self._look(gc, rgbFace)
         limits = gc.get_clip_rectangle()
         transform = transform + self._upright
@@ -175,7 +175,7 @@ class SvgRenderer(RendererBase):
         trans: Transform,
         rgbFace: Any = None,
     ) -> None:
-        """One shape at each point inside the artist's rectangle."""
+        """Draw one shape at each point inside the artist's rectangle."""
         attributes = self._look(gc, rgbFace)
         if not attributes:
             return
@@ -205,7 +205,7 @@ class SvgRenderer(RendererBase):
         ismath: Any = False,
         mtext: Text | None = None,
     ) -> None:
-        """A line of text as text; the reader's font decides how long it is, so it hangs on its own anchor."""
+        """Draw a line of text as text; its length depends on the reader's font, so it is placed by its own anchor."""
         anchor = ""
         if mtext is not None and (angle == 0 or mtext.get_rotation_mode() == "anchor"):
             u, v = mtext.get_transform().transform(mtext.get_unitless_position())
@@ -231,7 +231,7 @@ class SvgRenderer(RendererBase):
         self._elements.append((attributes, words, inside))
 
     def _look(self, gc: GraphicsContextBase, face: Any) -> Attributes:
-        """Attributes of an outline and its filling; empty where nothing would show."""
+        """Attributes of an outline and its filling; empty if nothing would show."""
         found: list[tuple[str, str]] = []
         forced = gc.get_forced_alpha()
         face_alpha = 0.0 if face is None else gc.get_alpha() if forced or len(face) < 4 else face[3]
@@ -258,7 +258,7 @@ _CIRCLE = np.asarray(Path.unit_circle().vertices)
 
 
 def _joined(tags: Sequence[tuple[str, str]], filled: bool) -> list[str]:
-    """Tags as text; neighbouring lines without titles become one path."""
+    """Join tags as text; neighbouring lines without titles become one path."""
     done: list[str] = []
     open_line = False
     for words, inside in tags:
@@ -295,7 +295,7 @@ def _outline(segments: Iterable[tuple[Any, Any]]) -> str:
 
 
 def _px(value: float, digits: int = 1) -> str:
-    """A length without zeros at its end."""
+    """Format a length without trailing zeros."""
     text = f"{value:.{digits}f}"
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return "0" if text == "-0" else text

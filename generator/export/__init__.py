@@ -1,1 +1,1 @@
-"""A dataset in the forms that other programs read (docs/exports.md)."""
+"""Export of a dataset to the formats of other programs (docs/exports.md)."""

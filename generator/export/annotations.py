@@ -1,4 +1,4 @@
-"""What is in a frame, as detectors are trained on it: categories, boxes of light, outlines."""
+"""Content of a frame, as used to train detectors: categories, boxes of light, outlines."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ CATEGORIES = ("star", "planet", "moon", "satellite", "aircraft", "meteor", "cosm
 HALF_WIDTH_SIGMAS = 3.0
 """Standard deviations of the point spread function from the places of light to the edges of a box."""
 HALF_PIXEL = 0.5
-"""Around the charge of a particle, which no lens has spread."""
+"""Margin around the charge of a particle, which no lens has spread."""
 LEAST_SHARE = 0.5
-"""Part of a star's light that falls on the sensor, from which on the star is annotated."""
+"""Fraction of a star's light on the sensor from which the star is annotated."""
 
 
 @dataclass(frozen=True)
 class Annotations:
-    """The n sources of a frame that reach an SNR and lie on a sky that does not fill the sensor, stars and planets first.
+    """The n sources of a frame that reach an SNR and are on a sky that does not saturate the sensor, stars and planets first.
 
     Attributes
     ----------
     category : (n,) int array
-        Place in CATEGORIES.
+        Index in CATEGORIES.
     centre : (n, 2) array
-        Centroid of the light, px from the image's corner, u and v: its first moment, with what the point spread function's
-        asymmetry and the lens's lateral colour add. Datasets made before it was recorded give the geometric one.
+        Centroid of the light, px from the image's corner, u and v: its first moment, including the point spread
+        function's asymmetry and the lens's lateral colour. Datasets from before it was recorded have the geometric one.
     box : (n, 4) array
         Left, top, right and bottom edge of the light, px from the image's corner, cut at the image's edges.
     start, end : (n, 2) arrays
-        Ends of streaks, px from the image's corner; both the same for a source that is no streak.
+        Ends of streaks, px from the image's corner; both are the same for other sources.
     half_width : (n,) array
-        From a streak's middle line to its edge, px.
+        Distance from a streak's centre line to its edge, px.
     snr, v_mag : (n,) arrays
-        v_mag is NaN for cosmic rays.
+        Signal-to-noise ratio and V; `v_mag` is NaN for cosmic rays.
     star_id : (n,) int array
-        0 for what is neither star nor planet.
+        Id of a star or planet, otherwise 0.
     electrons_e : (n,) array
-        Of the whole source.
+        Electrons of the whole source.
     saturated : (n,) bool array
-        Whether some of its pixels are full.
+        Whether some of its pixels are saturated.
     """
 
     category: NDArray[np.int64]
@@ -69,14 +69,14 @@ class Annotations:
 
 
 def annotate(frame: Frame, least_snr: float) -> Annotations:
-    """Annotations of a frame."""
+    """Annotate a frame."""
     camera = frame.record["camera"]
     margin = HALF_WIDTH_SIGMAS * float(frame.record["optics"]["psf_sigma_px"])
     stars, objects = _stars(frame.stars, least_snr), _objects(frame.objects, least_snr)
     columns: dict[str, Any] = {name: np.concatenate([stars[name], objects[name]]) for name in stars}
     particle = columns["category"] == CATEGORIES.index("cosmic_ray")
     half_width = np.where(particle, HALF_PIXEL, margin)
-    # From pixel centres at integers to the image's corner.
+    # Offset from pixel centres at integers to the image's corner.
     low, high = (columns.pop(name) + 0.5 for name in ("low", "high"))
     size = np.array([camera["width"], camera["height"]], dtype=np.float64)
     box = np.concatenate(
@@ -87,7 +87,7 @@ def annotate(frame: Frame, least_snr: float) -> Annotations:
     pixels = FullPixels(frame)
     inside = (box[:, 2] > box[:, 0]) & (box[:, 3] > box[:, 1])
     seen = np.flatnonzero(inside & ~pixels.behind(box, found.electrons_e))
-    # Of stars and planets the truth says so.
+    # For stars and planets the truth states this.
     full = found.saturated | ((found.star_id == 0) & pixels.touched(box))
     return Annotations(**{name: values[seen] for name, values in (vars(found) | {"saturated": full}).items()})
 
@@ -95,7 +95,7 @@ def annotate(frame: Frame, least_snr: float) -> Annotations:
 def outlines(found: Annotations, width: int, height: int) -> list[Floats]:
     """Outline of each source, a (k, 2) polygon, px from the image's corner.
 
-    A streak longer than it is wide is a rectangle along it, anything else an octagon in its box.
+    A streak longer than wide becomes a rectangle along it, anything else an octagon in its box.
     """
     way = found.end - found.start
     length = np.hypot(way[:, 0], way[:, 1])
@@ -167,7 +167,7 @@ def _stars(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
 
 
 def _light_offset(table: pd.DataFrame) -> Floats:
-    """From the geometric centroid to that of the light, px, (n, 2); 0 in tables without the latter."""
+    """Offset from the geometric centroid to that of the light, px, (n, 2); 0 in tables without the latter."""
     if "light_u_px" not in table:
         return np.zeros((len(table), 2))
     return np.stack([table[f"light_{axis}_px"] - table[f"centroid_{axis}_px"] for axis in ("u", "v")], axis=1)
@@ -184,7 +184,7 @@ def _objects(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
     }  # fmt: skip
     offset = _light_offset(objects)
     places = {name: place + offset for name, place in places.items()}
-    # The ends of an object's way may lie far from the frame; its light is within its box.
+    # The ends of an object's path may be far from the frame; its light is within its box.
     for name in ("start", "end"):
         places[name] = np.where(np.isfinite(places[name]), places[name], places["centre"])
     kinds = {kind: number for number, kind in enumerate(CATEGORIES)}

@@ -14,9 +14,9 @@ from generator.export.plain_files import raw_png
 from generator.files import atomic_path, path_within, write_bytes
 
 VISIBLE = 2
-"""COCO's flag of a keypoint that is labelled and can be seen."""
+"""COCO's flag for a keypoint that is labelled and visible."""
 DECIMALS = 3
-"""Of a pixel."""
+"""Decimals of positions in px."""
 
 
 def export_coco(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
@@ -59,7 +59,7 @@ def export_coco(dataset: Dataset, out: Path, options: ExportOptions, progress: P
 
 
 def _write_annotations(stream: TextIO, frame: Frame, least_snr: float, count: int) -> int:
-    """Write a frame's annotations, numbered from `count` + 1, one a line; return the last number."""
+    """Write a frame's annotations, numbered from `count` + 1, one per line; return the last number."""
     camera = frame.record["camera"]
     found = annotate(frame, least_snr)
     for row, outline in enumerate(outlines(found, camera["width"], camera["height"])):

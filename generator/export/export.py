@@ -1,4 +1,4 @@
-"""`skybench export`: the forms by name, and the folder that they are written to."""
+"""`skybench export`: the formats by name, and the folder to which they are written."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ EXPORTS: dict[str, Form] = {
     "withheld": export_withheld,
 }
 ADDS_TO_A_FOLDER = {"huggingface"}
-"""Forms that put another split beside those that a folder holds."""
+"""Formats that add another split to those in a folder."""
 ANNOTATED = ("coco", "yolo")
-"""Forms that annotate sources."""
+"""Formats that annotate sources."""
 
 
 def export(
@@ -42,19 +42,19 @@ def export(
     Parameters
     ----------
     folder : Path
-        The dataset.
+        Folder of the dataset.
     form : str
         One of EXPORTS.
     out : Path
         An empty or new folder; for ``huggingface`` also one with other splits.
     options : ExportOptions
     progress : callable
-        Called with the id of each frame that is done.
+        Called with the id of each finished frame.
 
     Raises
     ------
     GeneratorError
-        Unknown form, an option that it has no use for, unfinished or damaged dataset, or a folder that cannot be used.
+        The format is unknown, does not support an option, the dataset is unfinished or damaged, or the folder cannot be used.
     """
     if form not in EXPORTS:
         raise GeneratorError(f"--to {form}: one of {', '.join(EXPORTS)}")

@@ -1,4 +1,4 @@
-"""A dataset as FITS images with a world coordinate system, or a table of directions where no system follows the lens."""
+"""A dataset as FITS images with a world coordinate system, or a table of directions if no system describes the lens."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 DIRECTIONS = "DIRECTIONS"
 """Name of the extension with the table."""
 LATTICE_PX, FINE_LATTICE_PX = 8, 4
-"""Steps of the table's lattice, the finer for short focal lengths: linear interpolation is off by step^2 / 8 f."""
+"""Steps of the table's lattice; the finer one is for short focal lengths, because the error of linear interpolation is step^2
+/ 8 f."""
 SHORT_FOCAL_PX = 250.0
 MEANING = (
     "World coordinates: ICRS place of date (proper motion applied, no parallax) of",
@@ -32,11 +33,11 @@ MEANING = (
 
 
 def export_fits(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
-    """Write one FITS image a frame.
+    """Write one FITS image per frame.
 
-    The header's WCSFIT is ``SIP`` or ``linear`` for a system that is within LARGEST_RESIDUAL_PX of the directions that the
-    generator gives to pixels (WCSRES: largest distance, px), above the altitude WCSALT. Where that is not the horizon, or
-    where there is no such system (``none``), the extension DIRECTIONS has the directions of a lattice of pixels.
+    The header's WCSFIT is ``SIP`` or ``linear`` for a system that agrees within LARGEST_RESIDUAL_PX with the generator's
+    directions of pixels (WCSRES: largest distance, px), above the altitude WCSALT. If that is not the horizon, or if
+    there is no such system (``none``), the extension DIRECTIONS contains the directions of a lattice of pixels.
     """
     del options
     # The fits are small, and threads would wait for each other.
@@ -48,7 +49,7 @@ def export_fits(dataset: Dataset, out: Path, options: ExportOptions, progress: P
 
 
 def fits_file(frame: Frame) -> fits.HDUList:
-    """A frame's image with its header, and the table of directions where it is needed."""
+    """A frame's image with its header, and the table of directions if it is needed."""
     record = frame.record
     camera = record["camera"]
     header = _header(record)
@@ -64,7 +65,8 @@ def fits_file(frame: Frame) -> fits.HDUList:
     else:
         reason = "hardly any sky in the frame" if found is None else f"SIP leaves {found.residual_px:.2f} px"
         header["WCSFIT"] = ("none", reason)
-    # The primary HDU is numbered upwards in FITS; the image is stored as it is, and the system fits it so.
+    # Rows of the primary HDU are numbered upwards in FITS; the image is stored as it is, and the system is fitted
+    # accordingly.
     parts: list[Any] = [fits.PrimaryHDU(frame.image, header)]
     if found is not None and (not good or found.lowest_altitude_deg > 0):
         parts.append(_table(record))
@@ -101,10 +103,10 @@ def _describe(header: fits.Header, found: SkyFit) -> None:
 
 
 def _table(record: dict[str, Any]) -> fits.BinTableHDU:
-    """Directions of a lattice of pixels, line by line from the top; NaN where the lens or the sky ends."""
+    """Directions of a lattice of pixels, row by row from the top; NaN beyond the lens or the sky."""
     camera = record["camera"]
     step = FINE_LATTICE_PX if camera["f_px"] < SHORT_FOCAL_PX else LATTICE_PX
-    # The last places lie on or beyond the last pixels, so that every pixel is between four of them.
+    # The last places are on or beyond the last pixels, so that every pixel is between four of them.
     across, down = (np.arange(-(-(camera[side] - 1) // step) + 1) * float(step) for side in ("width", "height"))
     v, u = (axis.ravel() for axis in np.meshgrid(down, across, indexing="ij"))
     icrs, altitude_deg = pixel_directions(record, u, v)

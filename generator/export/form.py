@@ -1,4 +1,4 @@
-"""What every form of export gets to know."""
+"""Interface common to all export formats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from generator.errors import GeneratorError
 from generator.frame.record import VISIBLE_SNR
 
 Progress = Callable[[str], None]
-"""Called with the id of each frame that is done."""
+"""Called with the id of each finished frame."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class ExportOptions:
     Attributes
     ----------
     least_snr : float or None
-        Annotations are made of sources with this SNR or more, None: of those that count as visible. Forms without
-        annotations take None alone.
+        Sources with at least this SNR are annotated; None annotates those that count as visible. Formats without
+        annotations accept only None.
     """
 
     least_snr: float | None = None
@@ -34,7 +34,7 @@ class ExportOptions:
 
     @property
     def annotated_snr(self) -> float:
-        """The least SNR of what is annotated."""
+        """Least SNR of annotated sources."""
         return VISIBLE_SNR if self.least_snr is None else self.least_snr
 
 

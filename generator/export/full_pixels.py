@@ -1,4 +1,4 @@
-"""Where the sky itself fills the sensor, so that a source leaves no trace."""
+"""Detection of places where the sky itself saturates the sensor, so that a source leaves no trace."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 RINGS_PX = (4, 16)
-"""Widths of what is looked at around a source's light: the first whose pixels it cannot have filled by itself."""
+"""Widths of the rings examined around a source's light; the first is used whose pixels the source cannot have saturated by
+itself."""
 FULL_SHARE = 0.5
-"""Part of the pixels around a source: where more are full, the sky is. Noise makes it half where it just fills them."""
+"""Fraction of saturated pixels around a source above which the sky counts as saturated. If the sky just reaches saturation,
+noise saturates half of the pixels."""
 NEARLY_FULL = 0.99
-"""Part of the full well that counts as full: offsets and read noise come after it."""
+"""Fraction of the full well that counts as full, because offsets and read noise are added later."""
 OWN_SHARE = 0.5
-"""Of the electrons that fill all pixels around a source: with more it may have filled them by itself."""
+"""Fraction of the electrons that saturate all pixels around a source; a source with more may have saturated them by
+itself."""
 
 
 class FullPixels:
-    """The full pixels of a frame.
+    """The saturated pixels of a frame.
 
     Parameters
     ----------
@@ -41,18 +44,19 @@ class FullPixels:
         )
 
     def touched(self, box: Floats) -> Bools:
-        """Whether some pixel of each box is full; boxes (n, 4) as in `Annotations`."""
+        """Whether any pixel of each box is saturated; boxes (n, 4) are as in `Annotations`."""
         return self._counted(_outwards(box))[0] > 0
 
     def behind(self, box: Floats, electrons_e: Floats) -> Bools:
-        """Whether the sky around each source's light fills the sensor.
+        """Whether the sky around each source's light saturates the sensor.
 
         Parameters
         ----------
         box : (n, 4) array
-            As in `Annotations`.
+            Boxes as in `Annotations`.
         electrons_e : (n,) array
-            Of the source. Of one that may have filled the pixels of all rings by itself the whole image is looked at.
+            Electrons of each source. For a source that may have saturated the pixels of all rings by itself, the whole
+            image is examined.
 
         Returns
         -------
@@ -62,7 +66,7 @@ class FullPixels:
         full_in, pixels_in = self._counted(inner)
         image = self._sums[-1, -1], (self._sums.shape[0] - 1) * (self._sums.shape[1] - 1)
         found = np.full(len(box), image[0] > FULL_SHARE * image[1])
-        # From the widest to the narrowest, which stands where it may.
+        # From the widest to the narrowest, which takes precedence if it is applicable.
         for width_px in reversed(RINGS_PX):
             full, pixels = self._counted(inner + width_px * np.array([-1, -1, 1, 1]))
             full, pixels = full - full_in, pixels - pixels_in
@@ -71,7 +75,7 @@ class FullPixels:
         return found
 
     def _counted(self, box: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Full pixels and pixels of the image in each box of whole pixels."""
+        """Numbers of saturated pixels and of image pixels in each box of whole pixels."""
         height, width = self._sums.shape[0] - 1, self._sums.shape[1] - 1
         left, right = (np.clip(box[:, axis], 0, width) for axis in (0, 2))
         top, bottom = (np.clip(box[:, axis], 0, height) for axis in (1, 3))
@@ -81,12 +85,12 @@ class FullPixels:
 
 
 def full_dn(sensor: Mapping[str, Any]) -> float:
-    """Value from which on a pixel counts as full: the largest of the image, or that of a nearly full well.
+    """Value from which a pixel counts as saturated: the largest of the image, or that of a nearly full well.
 
     Parameters
     ----------
     sensor : mapping
-        Of a frame record.
+        Sensor section of a frame record.
     """
     largest, gain = 2.0 ** sensor["bits"] - 1, float(sensor["gain_e_per_dn"])
     well_e = NEARLY_FULL * float(sensor["full_well_e"]) - 3.0 * float(sensor["read_noise_e"])
@@ -96,5 +100,5 @@ def full_dn(sensor: Mapping[str, Any]) -> float:
 
 
 def _outwards(box: Floats) -> NDArray[np.int64]:
-    """Boxes of whole pixels that hold the boxes."""
+    """Boxes of whole pixels that contain the boxes."""
     return np.concatenate([np.floor(box[:, :2]), np.ceil(box[:, 2:])], axis=1).astype(np.int64)

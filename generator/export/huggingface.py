@@ -1,7 +1,7 @@
 """A dataset as a repository of the Hugging Face Hub: Parquet files with images in them, a card, and the recipe.
 
-Images are stored as they are, 16-bit PNG, in a column of the type ``Image``; `datasets` decodes it to a Pillow image of mode
-``I;16``, which NumPy takes as uint16 without loss.
+Images are stored unchanged as 16-bit PNG in a column of the type ``Image``; `datasets` decodes it to a Pillow image of
+mode ``I;16``, which NumPy converts to uint16 without loss.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from generator.stored_files import StoredFile, file_problem
 
 EVAL, RECIPE, TASK_CARD_PREFIX = "eval.yaml", "recipe", "task-"
 OWN_NAMES = {CARD, EVAL, ZENODO, RECIPE, IMU, *TABLES, ".git", ".gitattributes"}
-"""What a repository of this form may hold; another split is added beside those that are there."""
+"""Allowed contents of a repository in this format; another split is added to the existing ones."""
 FRAMES_PER_GROUP = 16
-"""About 25 MB of images of 1080 x 720 pixels in memory at a time."""
+"""Frames per row group: about 25 MB of images of 1080 x 720 pixels in memory at a time."""
 IMAGE_FIELDS = [
     pa.field("image", pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])),
     pa.field("record", pa.string(), metadata={"unit": ""}),
@@ -45,19 +45,19 @@ ROWS = {
     "objects": "frame and satellite, aircraft, meteor, Moon or cosmic ray",
     IMU: "reading of the inertial unit of a sequence",
 }
-"""What the configurations have one row for."""
+"""Meaning of a row in each configuration."""
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 
 
 def export_huggingface(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
     """Write a split, and the card of all splits in the folder.
 
-    The manifest among the split's recipe comes last and marks it as whole; what a killed run has left is written anew.
+    The manifest in the split's recipe is written last and marks the split as complete; remains of a killed run are replaced.
 
     Raises
     ------
     GeneratorError
-        The folder holds other files, or this split already.
+        The folder contains other files, or already this split.
     """
     del options
     split = dataset.manifest.split
@@ -77,7 +77,7 @@ def export_huggingface(dataset: Dataset, out: Path, options: ExportOptions, prog
         _write_frames(dataset, path.stem, out / "frames" / part, progress)
     for table in (*TABLES[1:], IMU):
         rows = dataset.table(table)
-        # `datasets` refuses a table without any row.
+        # The package `datasets` refuses a table without any row.
         if rows.num_rows:
             with atomic_path(out / table / f"{split}-00000-of-00001.parquet") as temporary:
                 pq.write_table(rows, temporary, compression="zstd")
@@ -90,7 +90,7 @@ def export_huggingface(dataset: Dataset, out: Path, options: ExportOptions, prog
 
 
 def _leftovers(out: Path, split: str) -> list[Path]:
-    """What a killed run has left of a split that is not whole: its parts, and files under temporary names."""
+    """Remains of an incomplete split after a killed run: its parts, and files under temporary names."""
     found = [path for path in (out / RECIPE / split).rglob(".*-*") if path.is_file()]
     for table in (*TABLES, IMU):
         found += (out / table).glob(f"{split}-?????-of-?????.parquet")
@@ -114,7 +114,7 @@ def _write_frames(dataset: Dataset, stem: str, path: Path, progress: Progress) -
 
 
 def _groups(dataset: Dataset, stem: str, progress: Progress) -> Iterator[tuple[int, list[dict[str, Any]], list[str]]]:
-    """Images and records of a shard, a group at a time, each with the place of its first frame."""
+    """Yield images and records of a shard in groups, each with the index of its first frame."""
     images: list[dict[str, Any]] = []
     records: list[str] = []
     first = 0
@@ -130,12 +130,12 @@ def _groups(dataset: Dataset, stem: str, progress: Progress) -> Iterator[tuple[i
 
 
 def _keep_recipe(dataset: Dataset, folder: Path) -> None:
-    """Copy the scenario and the files that it names: what else a stranger's manifest lists is not published.
+    """Copy the scenario and the files that it names; other files in a third party's manifest are not published.
 
     Raises
     ------
     GeneratorError
-        One of them is not listed, not as listed, or a link that leads out of the dataset.
+        One of them is not listed, differs from the list, or is a link that leads out of the dataset.
     """
     listed = {file.path: file for file in dataset.manifest.files}
     _copy(dataset, listed, SCENARIO_COPY, folder)
@@ -144,7 +144,7 @@ def _keep_recipe(dataset: Dataset, folder: Path) -> None:
 
 
 def _copy(dataset: Dataset, listed: Mapping[str, StoredFile], place: str, folder: Path) -> None:
-    """Copy a file of the recipe, if it is what the manifest says."""
+    """Copy a file of the recipe after comparing it with the manifest."""
     if place not in listed:
         raise GeneratorError(f"{dataset.folder}: the manifest does not list {place}; run `skybench verify`")
     if problem := file_problem(dataset.folder, listed[place]):
@@ -154,7 +154,7 @@ def _copy(dataset: Dataset, listed: Mapping[str, StoredFile], place: str, folder
 
 
 def card(out: Path, manifests: list[Manifest]) -> str:
-    """The card of a repository: YAML for the Hub, words for people."""
+    """The card of a repository: YAML for the Hub, text for people."""
     counts = [manifest.stop - manifest.first for manifest in manifests]
     configs = [
         {

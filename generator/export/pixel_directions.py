@@ -19,18 +19,19 @@ from generator.scenario.projection import Projection
 Floats = NDArray[np.float64]
 
 ROUNDS = 12
-"""Corrections of a direction; each leaves a thousandth of the error."""
+"""Number of corrections of a direction; each leaves a thousandth of the error."""
 CLOSE_ENOUGH = 1e-9
-"""Of a unit vector, 0.0002 arcsec."""
+"""Tolerance of a unit vector, 0.0002 arcsec."""
 AIRLESS = Air(0.0, 0.0, 0.0)
 
 
 def pixel_directions(record: dict[str, Any], u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
-    """Where a catalogue star would stand whose light falls on given places of a frame in mid-exposure.
+    """Catalogue places of stars whose light falls on given places of a frame at mid-exposure.
 
-    The inverse of the generator's own way from the catalogue to the frame: places are ICRS with proper motion applied to
-    the date, without parallax; light deflection, aberration, the Earth's rotation and refraction are taken out. A rolling
-    shutter's rows have their own attitude; the Earth's turn while they are read (15 arcsec a second) is neglected.
+    This is the inverse of the generator's own computation from the catalogue to the frame: places are ICRS with proper
+    motion applied to the date, without parallax; light deflection, aberration, the Earth's rotation and refraction are
+    removed. A rolling shutter's rows have their own attitude; the Earth's rotation while they are read (15 arcsec per
+    second) is neglected.
 
     Parameters
     ----------
@@ -41,9 +42,9 @@ def pixel_directions(record: dict[str, Any], u_px: Floats, v_px: Floats) -> tupl
     Returns
     -------
     icrs : (n, 3) array
-        Unit vectors; NaN where the lens has no direction.
+        Unit vectors; NaN if the lens has no direction.
     altitude_deg : (n,) array
-        Apparent altitude; NaN where the lens has no direction or the image circle ends.
+        Apparent altitude; NaN if the lens has no direction or the place is outside the image circle.
     """
     rays, valid = _rays(record["camera"], u_px, v_px)
     circle = record["optics"]["image_circle_px"]
@@ -82,7 +83,7 @@ def _without_refraction(enu: Floats, site: Site, air: Air) -> Floats:
 
 
 def _rays(camera: dict[str, Any], u_px: Floats, v_px: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Camera-frame unit vectors (n, 3) of places in the frame, and whether the lens has them."""
+    """Camera-frame unit vectors (n, 3) of places in the frame, and whether the lens images them."""
     mi = plugins.start()
     import drjit as dr
 
@@ -100,7 +101,7 @@ def _rays(camera: dict[str, Any], u_px: Floats, v_px: Floats) -> tuple[Floats, N
 
 
 def _attitudes(record: dict[str, Any], v_px: Floats) -> Floats:
-    """ENU to camera, (n, 3, 3), when the rows of given places are half exposed."""
+    """Attitudes, ENU to camera, (n, 3, 3), when the rows of given places are half exposed."""
     attitude, sensor, time = record["attitude"], record["sensor"], record["time"]
     samples = np.array(attitude["sample_R_cam"], dtype=np.float64)
     if len(samples) == 1 or sensor["readout_direction"] is None:

@@ -1,4 +1,4 @@
-"""A dataset as plain files: images as PNG, every other member of the shards as it is, each table as one Parquet file."""
+"""A dataset as plain files: images as PNG, every other member of the shards unchanged, each table as one Parquet file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from generator.frame.render import png_bytes
 
 
 def export_files(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
-    """Write images as 16-bit PNG, every other member of the shards as it is, and each table as one Parquet file."""
+    """Write images as 16-bit PNG, every other member of the shards unchanged, and each table as one Parquet file."""
     del options
     images: dict[str, tuple[str, str]] = {}
     for frame in dataset:
@@ -34,7 +34,7 @@ def export_files(dataset: Dataset, out: Path, options: ExportOptions, progress: 
 
 
 def _naming(images: Mapping[str, tuple[str, str]], frames: pa.Table) -> pa.Table:
-    """The table of frames with the names and hashes of the images as they are written."""
+    """The table of frames with the names and hashes of the images as written."""
     written = [images[frame_id] for frame_id in frames["frame_id"].to_pylist()]
     for column, values in zip(("image", "image_sha256"), zip(*written, strict=True), strict=True):
         number = frames.schema.get_field_index(column)
@@ -43,5 +43,5 @@ def _naming(images: Mapping[str, tuple[str, str]], frames: pa.Table) -> pa.Table
 
 
 def raw_png(frame: ShardFrame) -> bytes:
-    """The raw image as a 16-bit PNG, whatever codec it is stored with."""
+    """The raw image as a 16-bit PNG, regardless of its stored codec."""
     return frame.file("png") if "png" in frame.members else png_bytes(frame.image)

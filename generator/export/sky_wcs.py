@@ -1,4 +1,4 @@
-"""A frame's world coordinate system in FITS' terms: the lens' own projection, with SIP polynomials for what is left.
+"""A frame's world coordinate system in FITS' terms: the lens' own projection, with SIP polynomials for the residuals.
 
 FITS projections: Calabretta & Greisen 2002, A&A 395, 1077. SIP: Shupe et al. 2005, ASP Conf. Ser. 347, 491.
 """
@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 Floats = NDArray[np.float64]
 Coefficients = dict[tuple[int, int], Floats]
 Directions = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""From places in a frame to ICRS unit vectors and apparent altitudes, deg; NaN where there is no direction."""
+"""Function from places in a frame to ICRS unit vectors and apparent altitudes, deg; NaN if there is no direction."""
 
 PROJECTIONS = {
     "pinhole": "TAN",
@@ -31,30 +31,31 @@ PROJECTIONS = {
 """FITS' name of each lens model's projection without distortion."""
 LARGEST_RESIDUAL_PX = 0.06
 WANTED_RESIDUAL_PX = 0.02
-"""No higher order is tried below this."""
+"""Residual below which no higher order is tried."""
 ORDERS = (1, 3, 5, 7, 9)
-"""Of the polynomials: 1 is no SIP at all, 9 is the highest that SIP allows."""
+"""Orders of the polynomials: 1 means no SIP, 9 is the highest that SIP allows."""
 LOWEST_ALTITUDES_DEG = (0.0, 5.0, 10.0, 15.0)
-"""Refraction bends the sky at the horizon more than polynomials follow; the first limit above which they do is taken."""
+"""Lower limits of the altitude. Polynomials cannot follow refraction at the horizon; the first limit above which they can is
+used."""
 NODES = (44, 32)
-"""Places along u and v that are fitted."""
+"""Numbers of fitted places along u and v."""
 CHECKS = (61, 45)
-"""Places along u and v that the fit is compared with, others than the nodes."""
+"""Numbers of places along u and v, different from the nodes, with which the fit is compared."""
 FEWEST_PLACES = 200
 CENTRE_ROUNDS = 3
-"""Fits that bring the reference direction to the principal point."""
+"""Number of fits that bring the reference direction to the principal point."""
 
 
 @dataclass(frozen=True)
 class SkyFit:
-    """A world coordinate system and how far it is off.
+    """A world coordinate system and its residual.
 
     Attributes
     ----------
     code : str
         FITS' name of the projection.
     order : int
-        Of the polynomials; 1 where there are none.
+        Order of the polynomials; 1 if there are none.
     residual_px : float
         Largest distance between the system and the directions of pixels, either way, over the sky in the frame above
         `lowest_altitude_deg`.
@@ -64,9 +65,9 @@ class SkyFit:
     crval_deg : (2,) array
         Right ascension and declination there.
     linear_deg_px : (2, 2) array
-        From pixels to the projection's plane.
+        Matrix from pixels to the projection's plane.
     ahead, behind : dict of (p, q) to (2,) array
-        Coefficients of u^p v^q, px: from the principal point to where the linear part takes over, and back.
+        Coefficients of u^p v^q, px, u and v from the principal point: to the input of the linear part, and back.
     """
 
     code: str
@@ -119,20 +120,20 @@ class Grid:
 def fit_sky(
     directions: Directions, model: str, width: int, height: int, centre_px: tuple[float, float]
 ) -> SkyFit | None:
-    """Fit polynomials of the lowest order that is good enough, down to the lowest altitude at which one is.
+    """Fit polynomials of the lowest sufficient order, down to the lowest altitude at which any order is sufficient.
 
-    None where hardly any sky is in the frame; where nothing is good enough, the best there is above 15 deg.
+    Returns None if hardly any sky is in the frame; if no order is sufficient, the best one above 15 deg.
 
     Parameters
     ----------
     directions : callable
     model : str
-        Of the lens, one of PROJECTIONS.
+        Lens model, one of PROJECTIONS.
     width, height : int
     centre_px : (u, v)
         The principal point.
     """
-    # Chebyshev's nodes, so that the largest error is small and not the mean one.
+    # Chebyshev's nodes, so that the largest error is small rather than the mean one.
     across = [
         (size - 1) / 2 - size / 2 * np.cos((np.arange(count) + 0.5) / count * np.pi)
         for size, count in zip((width, height), NODES, strict=True)
@@ -178,7 +179,7 @@ def _fit(
     checked: Grid,
     lowest_altitude_deg: float,
 ) -> SkyFit | None:
-    """Fit one order; None where the projection cannot show the whole field."""
+    """Fit one order; None if the projection cannot show the whole field."""
     fitted, checked = fitted.above(lowest_altitude_deg), checked.above(lowest_altitude_deg)
     crval = equatorial_deg(reference[None])[0]
     scale = np.abs(fitted.px - centre_px).max()
@@ -195,7 +196,7 @@ def _fit(
     linear = terms[1:3].T / scale
     to_px = np.linalg.inv(linear)
     higher = {power: to_px @ term / scale ** sum(power) for power, term in zip(powers[3:], terms[3:], strict=True)}
-    # The way back, from the plane's linear pixels to the frame's.
+    # The inverse, from the plane's linear pixels to the frame's.
     flat = plane @ to_px.T / scale
     back_powers = powers[1:]
     back = _solver(_monomials(flat, back_powers))(near - flat)
@@ -220,7 +221,7 @@ def _solver(matrix: Floats) -> Callable[[Floats], Floats]:
 
 
 def _plane(code: str, crval: Floats) -> WCS:
-    """The projection by itself: world coordinates to degrees in its plane."""
+    """The projection alone: world coordinates to degrees in its plane."""
     system = WCS(naxis=2)
     system.wcs.ctype = [f"RA---{code}", f"DEC--{code}"]
     system.wcs.crval = crval

@@ -21,19 +21,19 @@ PUBLIC_AIR_KEYS = ("pressure_hpa", "temperature_c", "refraction")
 def export_withheld(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
     """Write images and the inputs of a solver under names that reveal nothing; truth and scenario are left out.
 
-    Frames are named by a keyed hash of their index, whose key is the hash of the scenario, known only to its owner; they
-    are listed in the order of these names.
+    Frames are named by a keyed hash of their index. The key is the hash of the scenario, which only its owner knows.
+    Frames are listed in the order of these names.
     """
     del options
     entries = []
     for frame in dataset:
         record = frame.record
         name = withheld_name(dataset.manifest.scenario_sha256, frame.index)
-        # Where lens and mount drift, camera and attitude of the record are truth.
+        # If lens and mount drift, camera and attitude of the record are truth.
         public = {key: record[key] for key in PUBLIC_KEYS} | record.get("told", {}) | {"frame_id": name}
         public["time"] = {key: record["time"][key] for key in PUBLIC_TIME_KEYS}
         public["atmosphere"] = {key: record["atmosphere"][key] for key in PUBLIC_AIR_KEYS}
-        # Encoded anew, so that nothing rides along in the file.
+        # Encoded again, so that the file contains nothing else.
         image = png_bytes(frame.image)
         write_bytes(path_within(out, f"{name}.png"), image)
         write_bytes(path_within(out, f"{name}.json"), (json.dumps(public, indent=1) + "\n").encode())

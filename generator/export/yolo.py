@@ -1,4 +1,4 @@
-"""A dataset as YOLO: 8-bit images, a text file of boxes beside each, and ``data.yaml``."""
+"""A dataset as YOLO: 8-bit images, a text file of boxes for each, and ``data.yaml``."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from generator.files import path_within, write_bytes
 from generator.frame.render import png_bytes
 
 SOFTENING = 1e-3
-"""Part of the sensor's range below which the stretch is linear."""
+"""Fraction of the sensor's range below which the stretch is linear."""
 
 
 def export_yolo(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
     """Write ``images/SPLIT``, ``labels/SPLIT`` and ``data.yaml`` (https://docs.ultralytics.com/datasets/detect/).
 
-    A line of a label file is the category's number from 0, and the box's middle, width and height over those of the image.
+    A line of a label file consists of the category's number from 0, and the box's centre, width and height relative to
+    the image's size.
     """
     split = dataset.manifest.split
     for frame in dataset:
@@ -36,7 +37,7 @@ def export_yolo(dataset: Dataset, out: Path, options: ExportOptions, progress: P
         ]
         write_bytes(path_within(out, f"labels/{split}/{frame.frame_id}.txt"), "".join(lines).encode("ascii"))
         progress(frame.frame_id)
-    # One dataset is one split; who has another one for validation exports it into a folder of its own.
+    # One dataset is one split; another one for validation is exported into a separate folder.
     described = {"train": f"images/{split}", "val": f"images/{split}", "names": dict(enumerate(CATEGORIES))}
     write_bytes(out / "data.yaml", yaml.safe_dump(described, sort_keys=False).encode())
 
@@ -44,7 +45,7 @@ def export_yolo(dataset: Dataset, out: Path, options: ExportOptions, progress: P
 def stretched(frame: Frame) -> NDArray[np.uint8]:
     """An 8-bit picture of the raw image, (height, width): asinh from the black level to the largest DN.
 
-    The stretch depends on the sensor alone, not on what is in the frame. Readers of YOLO's data know 8 bits only.
+    The stretch depends only on the sensor, not on the content of the frame. Readers of YOLO data support only 8 bits.
     """
     sensor = frame.record["sensor"]
     black, white = float(sensor["black_level_dn"]), 2.0 ** sensor["bits"] - 1

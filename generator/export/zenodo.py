@@ -19,7 +19,7 @@ KEYWORDS = ("astronomy", "celestial navigation", "star identification", "synthet
 def write_zenodo(folder: Path, manifests: list[Manifest]) -> None:
     """Write the metadata of a dataset's deposit; one manifest per split.
 
-    The creator is a placeholder that names who made the frames' physics: whoever deposits a dataset adds their own name.
+    The creator is a placeholder that names the authors of the frames' physics; depositors of a dataset add their own names.
     """
     names = sorted({manifest.scenario for manifest in manifests})
     recipes = "; ".join(

@@ -1,4 +1,4 @@
-"""Which points of light of a frame the air spreads visibly, and by how much."""
+"""Selection of the points of light in a frame that the air disperses visibly, and the amount of dispersion."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ from generator.plugins.scene_tensors import tensor
 Floats = NDArray[np.float64]
 
 BANDS = 12
-"""Equal bands of the spectral range, of 54 nm; a multiple of those of every point spread function."""
+"""Number of equal bands of the spectral range, 54 nm each; a multiple of the number of bands of every point spread
+function."""
 LEAST_PX = 0.1
-"""Dispersion of a star from 350 to 1000 nm below which it is not drawn: centroids of blue and red stars then differ by some
-0.01 px, as a sensor's electrons come from a part of the range and their mean wavelengths differ by a tenth of it."""
+"""Dispersion of a star from 350 to 1000 nm below which it is not drawn. The centroids of blue and red stars then differ by
+about 0.01 px, because a sensor's electrons come from a part of the range and their mean wavelengths differ by a tenth of
+it."""
 
 
 def dispersion_parameters(plan: FramePlan, directions: Floats, least_px: float = LEAST_PX) -> dict[str, Any]:
-    """The stars' parameter ``dispersion_rad`` for apparent directions (n, k, 3); nothing where the air spreads none.
+    """Return the stars' parameter ``dispersion_rad`` for apparent directions (n, k, 3); empty if the air disperses no light.
 
-    Dispersion below `least_px` counts as none.
+    Dispersion below `least_px` counts as zero.
     """
     if not math.isfinite(least_px):
         return {}
@@ -51,5 +53,5 @@ def dispersion_parameters(plan: FramePlan, directions: Floats, least_px: float =
 
 
 def with_dispersion(truth: StarTruth, shift_px: Floats) -> StarTruth:
-    """Truth whose centroids of the light have the mean shift (n, 2) of the light by dispersion."""
+    """Return the truth with centroids of the light shifted by the mean shift (n, 2) that dispersion causes."""
     return replace(truth, light_px=truth.light_px + shift_px)

@@ -1,4 +1,4 @@
-"""A folder of rendered frames: which of a scenario's frames it holds already, and its tables of truth."""
+"""A folder of rendered frames: the frames of a scenario that it already contains, and the tables of truth."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from generator.stored_files import StoredFile, file_problem, stored_file
 STARS_FILE = "stars.parquet"
 OBJECTS_FILE = "objects.parquet"
 IMU_FILE = "imu.parquet"
-"""Readings of the inertial unit of a scenario's sequences."""
+"""File with the readings of the inertial unit of a scenario's sequences."""
 UNFINISHED = ".unfinished"
-"""Folder inside: tables and receipts of single frames, until all frames are there."""
+"""Subfolder with tables and receipts of single frames, until all frames are complete."""
 RECEIPT = "files.json"
 SCHEMAS = {STARS_FILE: STAR_SCHEMA, OBJECTS_FILE: OBJECT_SCHEMA}
 _LAYER = re.compile(r"\.[^.]+\.exr$")
@@ -44,9 +44,9 @@ _OWN_PREFIXES = ("frame-", *_TEMPORARY)
 class FrameFolder:
     """The folder that `skybench render` writes.
 
-    The tables of truth and the manifest appear when the last frame is written. Until then each frame's rows and the hashes
-    of its files lie in a hidden folder, so that an interrupted run loses at most the frame being rendered. A manifest that
-    is there stays until a new one is whole.
+    The tables of truth and the manifest appear when the last frame is written. Until then each frame's rows and the
+    hashes of its files are in a hidden folder, so an interrupted run loses at most the frame being rendered. An existing
+    manifest remains until a new one is complete.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class FrameFolder:
     Attributes
     ----------
     mended : list of str
-        Files that were missing or not what they had been, and are made again.
+        Files that were missing or had changed, and are written again.
     finished : bool
-        Whether all that belongs to the folder was found whole.
+        Whether everything that belongs to the folder was found intact.
     writes : (bool, bool)
-        Whether frames are to be written with their expected electrons, and with those of each layer.
+        Whether frames are written with their expected electrons, and with those of each layer.
     """
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
@@ -73,7 +73,7 @@ class FrameFolder:
         self._readings_whole = False
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or accept one that holds frames of the same scenario.
+        """Create the folder, or accept one with frames of the same scenario.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class FrameFolder:
         Raises
         ------
         GeneratorError
-            The folder cannot be written, or holds other files or another scenario's frames.
+            The folder cannot be written, or contains other files or another scenario's frames.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -120,7 +120,7 @@ class FrameFolder:
 
     def _refuse_other_frames(self) -> None:
         if self._listed():
-            return  # a record that says something else is a damaged one
+            return  # a record of another scenario is a damaged one
         for path in sorted(self.folder.glob("frame-*.json")):
             try:
                 found = json.loads(path.read_text(encoding="utf-8"))["scenario"]
@@ -136,16 +136,17 @@ class FrameFolder:
                 )
 
     def missing(self, exr: bool, layers: bool) -> list[int]:
-        """Indices of incomplete frames: without a file that belongs to them, or with one that is not what it was.
+        """Indices of incomplete frames: those with a missing or altered file.
 
         If there are any, finished tables are split into single frames again, so that the folder does not look finished.
-        Damaged tables are removed: their rows come with the frames. What was listed and is no longer so is put into
-        `mended`.
+        Damaged tables are removed, because their rows are written again with the frames. Files that were listed but are
+        missing or altered are added to `mended`.
 
         Parameters
         ----------
         exr, layers : bool
-            Whether a frame's expected electrons, and those of each layer, belong to it, beside what the folder holds.
+            Whether frames must have their expected electrons, and those of each layer, in addition to what the folder
+            contains.
         """
         listed = self._listed()
         intact = {file.path for file in listed if not file_problem(self.folder, file)}
@@ -184,7 +185,7 @@ class FrameFolder:
         return incomplete
 
     def _listed(self) -> tuple[StoredFile, ...]:
-        """Files of the manifest that the folder has; none where there is none of this scenario."""
+        """Files of the manifest that exist in the folder; empty if it has no manifest of this scenario."""
         try:
             manifest = read_frames_manifest(self.folder)
         except GeneratorError:
@@ -205,7 +206,7 @@ class FrameFolder:
         return self.folder / UNFINISHED / f"{frame_id(index)}.{table}"
 
     def _take_apart(self) -> None:
-        for name in (OBJECTS_FILE, STARS_FILE):  # the rows of the stars make a frame whole: they come last
+        for name in (OBJECTS_FILE, STARS_FILE):  # the rows of the stars come last, because they make a frame complete
             path = self.folder / name
             if not path.is_file():
                 continue
@@ -222,7 +223,7 @@ class FrameFolder:
         _write_table(path, rows)
 
     def add(self, index: int, stars: pa.Table, objects: pa.Table, written: Collection[str]) -> None:
-        """Keep the truth of a frame whose files are written: rows of STAR_SCHEMA and OBJECT_SCHEMA, and the files' names."""
+        """Store the truth of a frame whose files are written: rows of STAR_SCHEMA and OBJECT_SCHEMA, and the files' names."""
         if objects.num_rows:
             self._put_rows(index, OBJECTS_FILE, objects)
         self._put_rows(index, STARS_FILE, stars)
@@ -232,7 +233,7 @@ class FrameFolder:
     def finish(self) -> None:
         """Write the tables of all frames, and the manifest last, which marks the folder as complete.
 
-        A folder that is complete is left as it is.
+        A complete folder is left unchanged.
         """
         if not self.finished:
             for name in (OBJECTS_FILE, STARS_FILE):

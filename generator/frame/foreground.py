@@ -1,4 +1,4 @@
-"""Mitsuba shapes of a scenario's foreground: meshes from files, and the wall that a horizon profile becomes."""
+"""Mitsuba shapes of a scenario's foreground: meshes from files, and a wall that represents a horizon profile."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from generator.scenario.mesh_file import mesh_description
 Floats = NDArray[np.float64]
 
 WALL_STEP_DEG = 0.25
-"""Width of the wall's faces between the profile's own points: a chord lies within 2.4e-6 of its radius from the arc."""
+"""Width of the wall's faces between the profile's own points: a chord deviates from the arc by at most 2.4e-6 of the
+radius."""
 LOWEST_DEG = -89.0
 """Elevation of the wall's foot, which hides the sky below the horizon almost to the nadir."""
 
 
 def shape_dicts(spec: ForegroundSpec, mi: Any) -> dict[str, Any]:
-    """Parts of a scene dictionary for everything that stands in front of the sky."""
+    """Scene dictionary entries for everything in front of the sky."""
     parts: dict[str, Any] = {}
     if spec.horizon is not None:
         parts["horizon"] = _wall(spec.horizon, mi)

@@ -1,4 +1,4 @@
-"""A frame's landscape: its panorama, the light of this night on it, and the maps that the integrator draws."""
+"""A frame's landscape: its panorama, how this night illuminates it, and the maps that the integrator draws."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ Floats = NDArray[np.float64]
 
 VIEW_MARGIN_DEG = 0.5
 LAMP_DIMMING_MAG = 10.0
-"""Lamps are splatted this much fainter: the integers that sum the light end at 1e12 electrons in a pixel."""
+"""Lamps are splatted this much fainter, because the integers that sum the light are limited to 1e12 electrons in a pixel."""
 LAMP_FACTOR = 10 ** (0.4 * LAMP_DIMMING_MAG)
 
 
 @dataclass(frozen=True, eq=False)
 class LandscapeMaps:
-    """A landscape under its light, as the integrator needs it.
+    """An illuminated landscape, in the form that the integrator needs.
 
-    The signal of a direction, radiance times response summed over GRID_NM, is the sum of what there is of each surface times
-    its term, plus that of its own light.
+    The signal of a direction, radiance times response summed over GRID_NM, is the sum over the surfaces of the fraction
+    of each times its term, plus the landscape's own light.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class LandscapeMaps:
     shines : bool
         Whether its own light counts.
     whole : LandscapeMaps or None
-        The whole circle in coarse steps, where the lens scatters light from outside the frame.
+        The full circle at coarse resolution, if the lens scatters light from outside the frame.
     """
 
     surface: Surface
@@ -68,7 +68,7 @@ class LandscapeMaps:
     whole: LandscapeMaps | None = None
 
     def signal(self, altitude_deg: float, azimuth_deg: float) -> Floats:
-        """Of the texel around a direction, (channels,) array."""
+        """Signal of the texel around a direction, (channels,) array."""
         terms = self.terms[:, round(azimuth_deg % 360 / 360 * AZIMUTHS) % AZIMUTHS]
         there = self.surface.at(altitude_deg, azimuth_deg)
         signal = terms.astype(np.float64) @ there[1 : 1 + SURFACES]
@@ -77,7 +77,7 @@ class LandscapeMaps:
         return np.asarray(signal)
 
     def parameters(self, name: str = "landscape") -> dict[str, Any]:
-        """As parameters of the integrator."""
+        """Return the maps as parameters of the integrator."""
         maps = self.surface
         # As many numbers as the maps have planes.
         padded = np.zeros((*self.terms.shape[:2], 1 + SURFACES), np.float32)
@@ -100,7 +100,7 @@ class LandscapeMaps:
 
 
 def _in_view(plan: FramePlan, ground: Ground) -> Place | None:
-    """The part of a landscape whose maps a frame needs: what its camera may see, of a large one; None: all of it."""
+    """Return the part of a large landscape that the camera may see, for which maps are needed; None for the whole."""
     if not ground.is_large:
         return None
     boresight = plan.motion.R_mid[2]
@@ -120,17 +120,17 @@ def landscape_maps(
     ----------
     plan : FramePlan
     tables : sequence of SkyTable
-        Their sum is the sky.
+        Components whose sum is the sky.
     response : (channels, n) array
         Response of each channel at GRID_NM; the sum of response times spectrum is its signal.
     component : str or None
-        Name of the only component of the sky that counts, `tables` being its own; None: everything that shines.
+        Name of the only component of the sky to include, whose tables `tables` then are; None for all light.
     """
     spec = plan.spec.foreground.landscape
     if spec is None:
         return None
     panorama = panorama_of(plan, spec)
-    # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
+    # BLAS threads wait for each other in busy loops: on a machine with busy cores, one thread is several times faster.
     with blas_threads().limit(limits=1, user_api="blas"):
         light = sky_light(plan, tables, component in (None, "moonlight"))
         terms = surface_terms(irradiance(panorama, light), light, response)
@@ -138,7 +138,7 @@ def landscape_maps(
 
 
 def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
-    """Maps of the light alone that a frame's landscape has of its windows and lamps; None without a landscape."""
+    """Maps of only the light that a frame's landscape emits by its windows and lamps; None without a landscape."""
     spec = plan.spec.foreground.landscape
     if spec is None:
         return None
@@ -149,7 +149,7 @@ def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
 def _in_both(
     plan: FramePlan, spec: LandscapeSpec, terms: NDArray[np.float32], response: Floats, shines: bool
 ) -> LandscapeMaps:
-    """Maps of what a frame's camera may see, and of the whole circle where its lens needs that."""
+    """Maps of the part that a frame's camera may see, and of the full circle if its lens needs it."""
     ground = Ground(
         panorama_of(plan, spec),
         math.degrees(1 / plan.spec.camera.f_px) / TEXELS_PER_PX,
@@ -170,7 +170,7 @@ def _in_both(
 
 
 def panorama_of(plan: FramePlan, spec: LandscapeSpec) -> Panorama:
-    """A frame's landscape at its site."""
+    """Return the panorama of a frame's landscape at its site."""
     site = plan.spec.site
     return landscape_panorama(spec, plan.scenario.seed, spec.place(site.latitude_deg, site.longitude_deg))
 
@@ -183,7 +183,7 @@ def frame_lamps(plan: FramePlan) -> tuple[Lamp, ...]:
 
 
 def lamps_dict(plan: FramePlan, lamps: tuple[Lamp, ...]) -> dict[str, Any]:
-    """Lamps as an emitter like that of the stars, in front of everything, LAMP_DIMMING_MAG fainter than they are."""
+    """Return lamps as an emitter like that of the stars, in front of everything, fainter by LAMP_DIMMING_MAG."""
     places = np.array([lamp.place_m / lamp.distance_m for lamp in lamps])
     return {
         "type": "skybench_stars",
@@ -205,7 +205,7 @@ def lamp_v_mag(plan: FramePlan, lamps: tuple[Lamp, ...]) -> Floats:
 
 @functools.cache
 def _sky_places() -> tuple[Floats, Places]:
-    """The directions from which the sky lights a landscape: unit vectors (m, 3), and where they are on the sky's grid."""
+    """Directions from which the sky lights a landscape: unit vectors (m, 3), and their places on the sky's grid."""
     altitude, azimuth = sky_directions()
     return unit_vectors(altitude, azimuth), places(altitude, azimuth)
 
@@ -233,9 +233,9 @@ def sky_light(plan: FramePlan, tables: Sequence[SkyTable], moon: bool = True) ->
 
 
 def _sampled(table: SkyTable, factors: dict[Veil, Floats]) -> list[tuple[Floats, Floats]]:
-    """Values (k, m) of a table's maps where the sky lights a landscape, and its spectra (k, n); then those behind each veil.
+    """Values (k, m) of a table's maps where the sky lights a landscape, with its spectra (k, n); then those behind each veil.
 
-    `factors` of veils are kept: the components of a sky have them in common.
+    `factors` caches the factors of veils, which the components of a sky have in common.
     """
     directions, on_grid = _sky_places()
     values = on_grid.of(table.wide_parts)

@@ -1,4 +1,4 @@
-"""The manifest of a folder of rendered frames: its files with sizes and hashes, written when all of them are there."""
+"""The manifest of a folder of rendered frames: its files with sizes and hashes, written when all of them are complete."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from generator.stored_files import (
 FRAMES_MANIFEST = "frames-manifest.json"
 FORMAT = "skybench-frames/1"
 LARGEST_RECEIPT_BYTES = 100_000
-"""The files of one frame: three, two pictures, and one for each part of the light."""
+"""Enough for the files of one frame: three, two pictures, and one for each part of the light."""
 _OF_FRAME = re.compile(r"frame-([0-9]{5,8})[-.]")
 
 
@@ -38,11 +38,11 @@ class FramesManifest:
     scenario, scenario_sha256 : str
     seed : int
     skybench : str
-        Version that made the folder.
+        Version of skybench that wrote the folder.
     frames : int
         Number of frames of the scenario.
     files : tuple of StoredFile
-        Every file but the manifest, sorted by path.
+        Every file except the manifest, sorted by path.
     """
 
     scenario: str
@@ -74,7 +74,7 @@ def read_frames_manifest(folder: Path) -> FramesManifest:
     Raises
     ------
     GeneratorError
-        It is missing (an unfinished run), is not a manifest, or names a file outside the folder.
+        It is missing (because a run was not finished), is not a manifest, or names a file outside the folder.
     """
     path = folder / FRAMES_MANIFEST
     content = strict_json(manifest_bytes(path, "skybench render"), str(path), LARGEST_MANIFEST_BYTES)
@@ -94,18 +94,18 @@ def read_frames_manifest(folder: Path) -> FramesManifest:
 
 
 def frame_index(place: str) -> int | None:
-    """Index of the frame that a file belongs to by its name; None for a table of all frames."""
+    """Return the index of the frame to which a file belongs by its name; None for a table of all frames."""
     found = _OF_FRAME.match(place)
     return int(found[1]) if found else None
 
 
 def write_frame_receipt(path: Path, files: list[StoredFile]) -> None:
-    """Write down the files of one frame, atomically; what marks it as complete in a folder that is not finished."""
+    """Write the list of a frame's files atomically; it marks the frame as complete in an unfinished folder."""
     write_bytes(path, json.dumps([asdict(file) for file in files], indent=1).encode())
 
 
 def read_frame_receipt(path: Path) -> tuple[StoredFile, ...]:
-    """Files of a frame as its receipt lists them; none where there is no whole receipt."""
+    """Return a frame's files from its receipt; empty if there is no intact receipt."""
     try:
         return listed_files(strict_json(read_at_most(path, LARGEST_RECEIPT_BYTES), path.name, LARGEST_RECEIPT_BYTES))
     except (OSError, GeneratorError, KeyError, TypeError, AttributeError):

@@ -27,11 +27,12 @@ COSMIC_RAY_OBJECT = -2
 HOT_PIXEL_OBJECT = -3
 BURNT_PIXEL_OBJECT = -4
 MOST_HOT_PIXELS = 1000
-"""Rows of a frame and kind; of more pixels those that differ by the most electrons."""
+"""Most rows per frame and kind; if there are more pixels, those that differ by the most electrons are listed."""
 LEAST_HOT_SNR = 5.0
-"""Of a hot, blinking or burnt pixel that has a row."""
+"""Least signal-to-noise ratio of a hot, blinking or burnt pixel that has a row."""
 MOST_COSMIC_RAYS = 1000
-"""Rows of a frame; of more tracks those with the most electrons. The hardest frames of the task `clutter` have 120 000."""
+"""Most rows per frame; if there are more tracks, those with the most electrons are listed. The hardest frames of the task
+`clutter` have 120 000."""
 
 OBJECT_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -66,11 +67,11 @@ Floats = NDArray[np.float64]
 
 
 def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Return the truth of a frame's flying objects, Moon, cosmic rays and single pixels: those in the frame, hidden or not.
+    """Return the truth of a frame's flying objects, Moon, cosmic rays and single pixels: those in the frame, even if hidden.
 
-    The Moon's row follows the flying objects, with the object number MOON_OBJECT and V above the atmosphere; then come the
-    cosmic rays, with the number COSMIC_RAY_OBJECT, hot and blinking pixels, with HOT_PIXEL_OBJECT, and those that the Sun
-    burnt, with BURNT_PIXEL_OBJECT, all of these without magnitudes (NaN).
+    The Moon's row follows the flying objects, with the object number MOON_OBJECT and V above the atmosphere; then come
+    the cosmic rays, with the number COSMIC_RAY_OBJECT, hot and blinking pixels, with HOT_PIXEL_OBJECT, and pixels burnt
+    by the Sun, with BURNT_PIXEL_OBJECT. All of these have no magnitudes (NaN).
     """
     return pa.concat_tables(
         [
@@ -105,7 +106,7 @@ def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     sigma = equivalent_sigma_px(camera)
     across = truth.high_px - truth.low_px
     area = streak_area_px(np.nan_to_num(np.hypot(*across.T)), sigma)
-    # The Moon is a disk: as much as its box takes of a square.
+    # The Moon is a disk, so its area is the disk's fraction of its bounding box.
     disk = np.pi / 4 * np.nan_to_num(across.prod(axis=1))
     area = np.where(number == MOON_OBJECT, np.maximum(area, disk), area)
     electrons = truth.electrons
@@ -133,7 +134,7 @@ def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
 
 
 def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Rows of cosmic rays; the tracks follow from the same random stream as those in the image."""
+    """Rows of cosmic rays; the tracks are drawn from the same random stream as those in the image."""
     rays = cosmic_rays(plan.spec.sensor)
     if rays is None:
         return OBJECT_SCHEMA.empty_table()
@@ -170,7 +171,7 @@ def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
 
 
 def _exposure(plan: FramePlan) -> Exposure:
-    """The random streams of the sensor's effects in a frame."""
+    """Random streams of the sensor's effects in a frame."""
     seed = plan.scenario.seed
     return Exposure(
         plan.spec.time.exposure_s,
@@ -193,7 +194,7 @@ def _defects(plan: FramePlan, expected: ExpectedFrame) -> Iterator[pa.Table]:
 
 
 def _burnt(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Rows of the pixels that the Sun burnt: the charge that each keeps back in this frame, as negative electrons."""
+    """Rows of the pixels burnt by the Sun: the charge that each retains in this frame, as negative electrons."""
     sensor, exposure = plan.spec.sensor, _exposure(plan)
     burnt = burnt_pixels(plan.lens, sensor, exposure.unit)
     if burnt is None:
@@ -204,18 +205,18 @@ def _burnt(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     charge = np.minimum((light + dark) / exposures, sensor.full_well_e)
     lost = exposures * burnt.held_e(charge.astype(np.float32)).astype(np.float64)
     place = _pixel_places(burnt.places, plan.spec.camera.width)
-    # The noise is that of what is left.
+    # The noise is that of the remaining charge.
     snr = matched_filter_snr(lost, light - lost, 0.0, exposure.exposure_s, sensor, np.ones(len(lost)))
     return _pixels(plan, BURNT_PIXEL_OBJECT, "burnt_pixel", place, -lost, snr)
 
 
 def _pixel_places(pixels: NDArray[np.intp], width: int) -> Floats:
-    """Places (n, 2) of flat places."""
+    """Convert flat indices of pixels to places (n, 2)."""
     return np.stack([pixels % width, pixels // width], axis=1).astype(np.float64)
 
 
 def _pixels(plan: FramePlan, number: int, kind: str, place: Floats, electrons: Floats, snr: Floats) -> pa.Table:
-    """Rows of single pixels that stand out: those with the most electrons, or the most missing."""
+    """Rows of outstanding single pixels: those with the most additional or missing electrons."""
     rows = np.flatnonzero(snr >= LEAST_HOT_SNR)
     rows = np.sort(rows[np.argsort(-np.abs(electrons[rows]), kind="stable")[:MOST_HOT_PIXELS]])
     count = len(rows)
@@ -236,10 +237,10 @@ def _pixels(plan: FramePlan, number: int, kind: str, place: Floats, electrons: F
 
 
 def _within(tracks: ParticleTracks, width: int, height: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Share of each straight track on the sensor, the middle of that part, and its least and greatest u and v."""
+    """Fraction of each straight track on the sensor, the middle of that part, and its least and greatest u and v."""
     start, way = tracks.start_px, tracks.end_px - tracks.start_px
     edges = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]])
-    # A track begins on the sensor, so it leaves it once at most.
+    # A track begins on the sensor, so it leaves it at most once.
     with np.errstate(divide="ignore", invalid="ignore"):
         leaves = np.where(way > 0, (edges[1] - start) / way, np.where(way < 0, (edges[0] - start) / way, np.inf))
     share = np.clip(leaves.min(axis=1), 0, 1)
@@ -248,7 +249,7 @@ def _within(tracks: ParticleTracks, width: int, height: int) -> tuple[Floats, Fl
 
 
 def _snr(plan: FramePlan, expected: ExpectedFrame, electrons: Floats, place_px: Floats, area_px: Floats) -> Floats:
-    """Signal-to-noise ratio of sources, by the sky where their middles are."""
+    """Signal-to-noise ratio of sources, with the sky at their centres."""
     camera = plan.spec.camera
     place = np.nan_to_num(place_px)
     column = np.clip(np.rint(place[:, 0]), 0, camera.width - 1).astype(np.intp)

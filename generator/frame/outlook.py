@@ -1,4 +1,4 @@
-"""What one frame would be, for its author to read before a dataset is made, and what in it looks like a slip."""
+"""Preview of one frame in numbers, for its author before a dataset is rendered, and warnings of likely mistakes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from generator.scenario.model import FrameSpec
 from generator.scenario.sensor_spec import SensorSpec
 
 STALE_ELEMENTS_DAYS = 14.0
-"""SGP4 from two-line elements strays by 1 to 3 km a day. Source: Vallado et al. 2006, AIAA 2006-6753, section VI."""
+"""SGP4 with two-line elements deviates by 1 to 3 km per day. Source: Vallado et al. 2006, AIAA 2006-6753, section VI."""
 LEAST_F_NUMBER = 1.0
 LEAST_RANGE = 0.5
-"""Part of the full well below which a converter's range wastes the sensor."""
+"""Fraction of the full well below which the converter's range wastes the sensor."""
 LIKE_RECIPROCAL = 1.5
-"""A gain is taken for its reciprocal where that would fit the full well to within this factor."""
+"""A gain is suspected to be its reciprocal if the reciprocal fits the full well to within this factor."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Outlook:
     Attributes
     ----------
     hfov_deg, vfov_deg : float
-        Angle between the axis' left and right, and top and bottom, edges.
+        Angle between the left and right, and the top and bottom, edges on the axis.
     azimuth_deg, altitude_deg, roll_deg : float
         Pointing of the boresight at mid-exposure.
     f_number : float or None
-        None where the pixel's size is not given.
+        Focal ratio; None if the pixel's size is not given.
     sky_e, dark_e : float
         Median of the sky, and mean of the dark current, electrons per pixel.
     full_well_e : float
@@ -48,10 +48,10 @@ class Outlook:
     visible_stars, saturated_stars : int
         Stars in the frame with a matched-filter SNR of VISIBLE_SNR or more, and those that saturate a pixel.
     saturated_share : float
-        Part of the pixels whose expected signal reaches the full well or the converter's end.
+        Fraction of pixels whose expected signal reaches the full well or the end of the converter's range.
     sun_altitude_deg, moon_altitude_deg : float
     satellites_stale : tuple of int
-        Satellites, by their place in the scenario, whose elements are more than STALE_ELEMENTS_DAYS from the exposure.
+        Satellites, by their index in the scenario, whose elements are more than STALE_ELEMENTS_DAYS from the exposure.
     """
 
     hfov_deg: float
@@ -88,7 +88,7 @@ def field_of_view_deg(camera: CameraSpec) -> tuple[float, float]:
 
 
 def f_number(camera: CameraSpec) -> float | None:
-    """Focal length over the aperture; None where the focal length is known in pixels alone."""
+    """Focal length over the aperture; None if the focal length is known only in pixels."""
     if camera.focal_length_mm is not None:
         return camera.focal_length_mm / camera.aperture_mm
     if camera.pixel_pitch_um is None:
@@ -97,7 +97,7 @@ def f_number(camera: CameraSpec) -> float | None:
 
 
 def outlook(frame: RenderedFrame) -> Outlook:
-    """Numbers of a rendered frame."""
+    """Return the numbers of a rendered frame."""
     spec = frame.plan.spec
     camera, sensor = spec.camera, spec.sensor
     exposures = sensor.exposures(spec.time.exposure_s)
@@ -130,7 +130,7 @@ def converter_range_e(sensor: SensorSpec) -> float:
 
 
 def stale_satellites(satellites: Sequence[TleSpec], when: Instant) -> tuple[int, ...]:
-    """Places of the satellites whose elements are too old, or too new, for a time to be trusted there."""
+    """Indices of the satellites whose elements are too old, or too new, for their positions at a time to be trusted."""
     stale = []
     for place, satellite in enumerate(satellites):
         orbit = Satrec.twoline2rv(satellite.line1, satellite.line2)
@@ -141,7 +141,7 @@ def stale_satellites(satellites: Sequence[TleSpec], when: Instant) -> tuple[int,
 
 
 def warnings_of(spec: FrameSpec, found: Outlook) -> tuple[str, ...]:
-    """What in a frame's values looks like a slip; each a sentence that begins with the key."""
+    """Warnings about values of a frame that look like mistakes; each is a sentence that begins with the key."""
     sensor = spec.sensor
     said = []
     steps = 2**sensor.bits - 1 - sensor.black_level_dn

@@ -10,7 +10,7 @@ from PIL import Image
 
 
 def stretch(dn: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """8-bit picture of linear data: arcsinh in units of the sky's spread.
+    """Convert linear data to an 8-bit picture: arcsinh in units of the sky's spread.
 
     Parameters
     ----------

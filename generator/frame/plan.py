@@ -44,19 +44,20 @@ Floats = NDArray[np.float64]
 
 EPOCH = Instant.parse("2000-01-01T12:00:00Z")
 LONGEST_STEP_S = 60.0
-"""Between two moments at which places are computed; in between stars move along chords, within 0.5 arcsec of their arcs."""
+"""Longest time between two moments at which places are computed; in between, stars move along chords, within 0.5 arcsec of
+their arcs."""
 LONGEST_CHORD_S = 1.0
-"""Up to which the places at mid-exposure are taken midway between the first and the last: within 0.2 mas of their own from
-altitudes of 5 deg up, within 2 mas at the horizon."""
+"""Longest exposure for which the places at mid-exposure are taken midway between the first and the last: within 0.2 mas of
+the exact ones from altitudes of 5 deg up, within 2 mas at the horizon."""
 
 SKY_RATE_DEG_S = 15.05 / 3600
 """Rotation of the sky, rounded up."""
 FIELD_MARGIN_DEG = 2.5
-"""Exceeds the displacement of a star by refraction, aberration, and proper motion over a century."""
+"""Upper limit of the displacement of a star by refraction, aberration, and proper motion over a century."""
 LEAST_TRANSMISSION = 1e-30
-"""Of cloud: 75 magnitudes."""
+"""Least transmission of cloud: 75 magnitudes."""
 LARGEST_CHROMATIC_SHARE = 2.5
-"""Longest shift of a wavelength band over the point spread function's lateral chromatic shift."""
+"""Longest shift of a wavelength band relative to the point spread function's lateral chromatic shift."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class PointLights:
         Apparent unit vectors, evenly spaced over the shutter's time.
     v_mag, bv_mag, vi_mag, airmass : (n,) arrays
     hidden : (n, 2) array
-        First and last share of the shutter's time between which the Moon is in front; inf where it never is.
+        Fractions of the shutter's time between which the Moon is in front; inf if it never is.
     """
 
     directions: Floats
@@ -83,18 +84,18 @@ class PointLights:
     def in_the_open(
         cls, directions: Floats, v_mag: Floats, bv_mag: Floats, vi_mag: Floats, airmass: Floats
     ) -> PointLights:
-        """Points of light that nothing hides."""
+        """Return points of light that nothing hides."""
         return cls(directions, v_mag, bv_mag, vi_mag, airmass, np.full((len(v_mag), 2), np.inf))
 
     def __len__(self) -> int:
         return len(self.v_mag)
 
     def __getitem__(self, rows: NDArray[np.intp]) -> PointLights:
-        """Those of the given rows, in their order."""
+        """Return the points of the given rows, in their order."""
         return PointLights(*(column[rows] for column in self._columns))
 
     def joined(self, other: PointLights) -> PointLights:
-        """These and others, in this order."""
+        """Return these points followed by others."""
         pairs = zip(self._columns, other._columns, strict=True)
         return PointLights(*(np.concatenate(pair) for pair in pairs))
 
@@ -116,14 +117,14 @@ class FramePlan:
     orientation : EarthOrientation
         At mid-exposure.
     stars : StarCatalogue
-        The n stars above the horizon, brighter than the limit, whose light may touch the frame; some lie a few degrees
-        outside of it.
+        The n stars above the horizon, brighter than the limit, whose light may touch the frame; some are a few degrees
+        outside it.
     unlisted : PointLights or None
-        Fainter ones that are drawn and are not in the truth, dimmed by cloud; None where all that are drawn are listed.
+        Fainter stars that are drawn but not in the truth, dimmed by cloud; None if all drawn stars are listed.
     ra_deg, dec_deg : (n,) arrays
         ICRS, proper motion applied to mid-exposure.
     start, middle, end : ApparentPlaces
-        When the shutter opens, at mid-exposure, and when it closes.
+        Places when the shutter opens, at mid-exposure, and when it closes.
     directions : (n, k, 3) array
         Apparent unit vectors (ENU), evenly spaced over the shutter's time.
     motion : Motion
@@ -131,24 +132,24 @@ class FramePlan:
     objects : FlyingObjects
         Satellites, aircraft, meteors and false stars.
     airmass : (n,) array
-        At mid-exposure; 0 where extinction is off.
+        Airmass at mid-exposure; 0 if extinction is off.
     sky : SkyState
         At mid-exposure.
     cloud_optical_depth : (n,) array
-        Along the line of sight to each star at mid-exposure; 0 without cloud.
+        Optical depth along the line of sight to each star at mid-exposure; 0 without cloud.
     cloud_transmission : (n,) array
-        Part of each star's light that passes the cloud into its image, without a drawn aureole; 1 without cloud.
+        Fraction of each star's light that passes through the cloud into its image, without a drawn aureole; 1 without cloud.
     scintillation : (n,) array
-        Factor on each star's light; 1 where scintillation is off.
+        Factor on each star's light; 1 if scintillation is off.
     passage : Passage or None
-        The frame's part of its sequence; None for a frame by itself.
+        The frame's part of its sequence; None for an independent frame.
     horizon : Horizon
-        Where the ground ends the sky.
+        Boundary between ground and sky.
     drift : Drift or None
-        Of lens and mount; None where the scenario has none. `spec.camera` and `motion` are the true ones.
+        Drift of lens and mount; None if the scenario has none. `spec.camera` and `motion` are the true ones.
     told_camera : CameraSpec or None
     told_motion : Motion or None
-        What a solver is told instead, where there is drift.
+        Camera and motion that a solver receives instead, if there is drift.
     """
 
     scenario: Scenario
@@ -201,12 +202,12 @@ class FramePlan:
 
 
 def plan_frame(scenario: Scenario, index: int) -> FramePlan:
-    """Plan frame `index` of a scenario. It depends on the scenario and the index alone.
+    """Plan frame `index` of a scenario. The plan depends only on the scenario and the index.
 
     Raises
     ------
     TimeRangeError
-        The exposure lies outside the Earth orientation table.
+        The exposure is outside the Earth orientation table.
     """
     spec = scenario.frame(index)
     utc_start = Instant.parse(spec.time.utc_start)
@@ -235,7 +236,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         stars = scattered(stars, spec.stars.scatter_arcsec, spec.stars.scatter_mag, rng)
 
     def up(stars: StarCatalogue) -> tuple[StarCatalogue, ApparentPlaces, list[ApparentPlaces]]:
-        """Stars above the horizon, where they are at mid-exposure, and their path over the shutter's time."""
+        """Return stars above the horizon, their places at mid-exposure, and their path over the shutter's time."""
         places = intermediate_places(stars, site, utc_mid, orientation)
         path = [
             observed_places(places, site, utc_start.plus(float(after)), orientation, air)
@@ -329,17 +330,17 @@ def _lights(
 
 
 def airmass_to(horizon: Horizon, altitude_deg: Floats) -> Floats:
-    """Relative airmass of apparent altitudes, of those between the horizon and the horizontal too."""
+    """Relative airmass at apparent altitudes, including those between the horizon and the horizontal."""
     return airmass(np.where(horizon.dips, np.abs(altitude_deg), altitude_deg)) + horizon.further(altitude_deg)
 
 
 def level_or_up(enu: Floats) -> Floats:
-    """Directions (n, 3) from below the horizontal taken as horizontal: cloud lies above."""
+    """Replace directions (n, 3) below the horizontal by horizontal ones, because cloud is above the camera."""
     return enu * np.array([1.0, 1.0, 0.0]) + np.maximum(enu * np.array([0.0, 0.0, 1.0]), 0)
 
 
 def _under_clouds(spec: FrameSpec, utc_mid: Instant, passage: Passage | None) -> UnderClouds:
-    """The wind's time runs on over midnight within a sequence."""
+    """Return the camera's place under the cloud; within a sequence, the wind's time does not restart at midnight."""
     camera_km = (spec.site.height_m - spec.site.horizon_ground_m) / 1000
     if passage is None:
         return dataclasses.replace(UnderClouds.since_midnight(utc_mid), camera_km=camera_km)
@@ -349,7 +350,10 @@ def _under_clouds(spec: FrameSpec, utc_mid: Instant, passage: Passage | None) ->
 
 
 def through_clouds(spec: FrameSpec) -> ThroughClouds:
-    """A star's image reaches two standard deviations of the point spread from its middle (86 % of a Gaussian's light)."""
+    """Return how the camera looks through cloud.
+
+    A star's image reaches to two standard deviations of the point spread function (86 % of a Gaussian's light).
+    """
     return ThroughClouds(spec.shutter_s, 2 * equivalent_sigma_px(spec.camera) / spec.camera.projection.f_px)
 
 
@@ -362,7 +366,7 @@ def _stars_around(
     orientation: EarthOrientation,
     horizon_deg: float,
 ) -> StarCatalogue:
-    """Superset of the stars and planets above the horizon and in the frame at some time of the exposure."""
+    """Return a superset of the stars and planets that are above the horizon and in the frame at some time of the exposure."""
     catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
     boresight = motion.R_mid[2]
     turned = np.degrees(np.arccos(np.clip(motion.R_cam[:, 2] @ boresight, -1, 1))).max()
@@ -381,7 +385,7 @@ def _stars_around(
 
 @functools.lru_cache(maxsize=64)
 def field_radius_deg(camera: CameraSpec) -> float:
-    """Angle from the boresight, deg, beyond which no star's light touches the frame of a camera at rest."""
+    """Angle from the boresight, deg, beyond which no star's light touches the frame of a stationary camera."""
     reach_px = PSF_REACH_SIGMAS * equivalent_sigma_px(camera)
     if camera.psf is not None:
         drawn_px = camera.psf.support_px + abs(camera.psf.lateral_chromatic_px) * LARGEST_CHROMATIC_SHARE
@@ -390,14 +394,14 @@ def field_radius_deg(camera: CameraSpec) -> float:
 
 
 def refracting_air(spec: LocalAtmosphereSpec) -> Air:
-    """The air that bends the light; without pressure where refraction is off."""
+    """Return the refracting air; without pressure if refraction is off."""
     # Refraction is proportional to the air's density.
     bending_hpa = spec.refraction_factor * spec.pressure_hpa if spec.refraction else 0.0
     return Air(bending_hpa, spec.temperature_c, spec.relative_humidity)
 
 
 def dimming_atmosphere(spec: LocalAtmosphereSpec) -> Atmosphere | None:
-    """The atmosphere that dims the light, or None where extinction is off."""
+    """Return the atmosphere that dims the light, or None if extinction is off."""
     if not spec.extinction:
         return None
     water_cm = (

@@ -1,9 +1,8 @@
 """16-bit greyscale PNG, fast for noise.
 
 An image of the night is mostly noise: after the filter that predicts each byte from the mean of its left and upper
-neighbours there is little to search for, and libdeflate's fastest level makes it as small as zlib's levels 1 to 3 in a fifth
-of their time.
-Format: ISO/IEC 15948 (PNG, third edition), sections 5.3 (chunks) and 9.2 (filters).
+neighbours, few repetitions remain, and libdeflate's fastest level compresses it as well as zlib's levels 1 to 3 in a
+fifth of their time. Format: ISO/IEC 15948 (PNG, third edition), sections 5.3 (chunks) and 9.2 (filters).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ BYTES_PER_PIXEL = 2
 AVERAGE_FILTER = 3
 GREYSCALE = 0
 FASTEST = 1
-"""Of libdeflate's levels, of those that compress."""
+"""The fastest of libdeflate's levels that compress."""
 
 
 def png16(pixels: NDArray[np.uint16]) -> bytes:

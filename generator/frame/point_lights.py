@@ -27,11 +27,11 @@ from generator.sky.moonlit_cloud import DIFFRACTED
 Floats = NDArray[np.float64]
 
 AUREOLE_POINTS = ((6.0, 48), (8.5, 12), (np.inf, 4))
-"""V up to which an aureole is of so many points."""
+"""V magnitudes up to which an aureole consists of this many points."""
 LEAST_IMAGE = 1e-15
-"""Part of a star's light in its image below which its aureole is too faint to see."""
+"""Fraction of a star's light in its image below which its aureole is too faint to see."""
 GOLDEN_TURN = math.pi * (3 - math.sqrt(5))
-"""Between one point and the next, which spreads them evenly (Vogel 1979, Math. Biosci. 44, 179)."""
+"""Angle between one point and the next, which spreads them evenly (Vogel 1979, Math. Biosci. 44, 179)."""
 
 
 def star_lights(plan: FramePlan) -> PointLights:
@@ -43,7 +43,7 @@ def star_lights(plan: FramePlan) -> PointLights:
 
 
 def faint_lights(plan: FramePlan) -> PointLights | None:
-    """Points of light that are not in the truth: faint stars, and aureoles of all; None without any."""
+    """Points of light that are not in the truth: faint stars, and aureoles of all stars; None if there are none."""
     parts = [] if plan.unlisted is None else [behind_moon(plan, plan.unlisted) if is_drawn(plan) else plan.unlisted]
     clouds = plan.spec.sky.clouds
     if clouds is not None and clouds.star_aureoles and plan.sky.clouds is not None and plan.sky.clouds.particle_um > 0:
@@ -52,10 +52,10 @@ def faint_lights(plan: FramePlan) -> PointLights | None:
 
 
 def aureoles(plan: FramePlan, lights: PointLights) -> PointLights:
-    """Light of stars that the particles of cloud diffract, as points around each.
+    """Light of stars that is diffracted by cloud particles, as points around each star.
 
-    Of a slant depth t it is exp(-t / 2) - exp(-t), mean over the exposure: what is not scattered otherwise, less what is not
-    diffracted. Those fainter than the faintest star of the scenario are left out.
+    For a slant depth t it is exp(-t / 2) - exp(-t), averaged over the exposure: light that is not scattered otherwise,
+    less light that is not diffracted either. Aureoles fainter than the faintest star of the scenario are left out.
     """
     clouds = plan.sky.clouds
     assert clouds is not None
@@ -64,7 +64,7 @@ def aureoles(plan: FramePlan, lights: PointLights) -> PointLights:
     above = level_or_up(middle)
     depths = [still.slant_depth(above) for still in clouds.moments]
     diffracted = np.mean([np.exp(-(1 - DIFFRACTED) * depth) - np.exp(-depth) for depth in depths], axis=0)
-    # Of depths that dim more than that nothing is seen, the aureole neither.
+    # At depths that dim more than that nothing is visible, not even the aureole.
     over_image = diffracted / np.maximum(clouds.point_transmission(above), LEAST_IMAGE)
     v_mag = lights.v_mag - 2.5 * np.log10(np.maximum(over_image, LEAST_TRANSMISSION))
     depth = DIFFRACTED * np.mean(depths, axis=0)
@@ -96,7 +96,7 @@ def _at_right_angles(directions: Floats) -> tuple[Floats, Floats]:
 
 
 def stars_dict(plan: FramePlan, points: PointLights, dispersed_px: float = LEAST_PX) -> dict[str, Any]:
-    """Points of light above the atmosphere, as an emitter; spread by the air from `dispersed_px`."""
+    """Points of light above the atmosphere, as an emitter; they are dispersed by the air from `dispersed_px` on."""
     return {
         "type": "skybench_stars",
         "horizon_sine": plan.horizon.sine,
@@ -111,7 +111,7 @@ def stars_dict(plan: FramePlan, points: PointLights, dispersed_px: float = LEAST
 
 
 def moon_dicts(plan: FramePlan) -> Iterator[dict[str, Any]]:
-    """Emitters of the Moon's disk, of one block of its points each; a whole one does not fit into a scene."""
+    """Yield emitters of the Moon's disk, one per block of its points, because a whole disk does not fit into a scene."""
     for points in moon_lights(plan):
         drawing = drawing_of(plan)
         block = stars_dict(plan, points, drawing.dispersed_px)
@@ -135,13 +135,13 @@ def objects_dict(objects: FlyingObjects, horizon_sine: float) -> dict[str, Any]:
 
 
 def _depth(plan: FramePlan) -> Floats:
-    """Optical depth per airmass, of stars."""
+    """Optical depth per airmass, for starlight."""
     atmosphere = dimming_atmosphere(plan.spec.atmosphere)
     return np.zeros((1, len(GRID_NM))) if atmosphere is None else star_depths(atmosphere, plan.horizon.dips)
 
 
 def colour_tensors(bv_mag: Floats, vi_mag: Floats) -> dict[str, Any]:
-    """Parameters of an emitter of points for their colours."""
+    """Parameters of an emitter of points that describe their colours."""
     row, column = colour_place(bv_mag, vi_mag)
     return {
         "colour_row": tensor(row),

@@ -30,7 +30,7 @@ from generator.sensor.detector import matched_filter_snr, saturation_e
 
 LARGEST_8_BIT = 255
 VISIBLE_SNR = 5.0
-"""A star this far above its noise is found by any detector."""
+"""Any detector finds a star with this signal-to-noise ratio."""
 
 STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -73,7 +73,7 @@ STAR_SCHEMA = pa.schema(
 
 
 def visible_stars(stars: pa.Table) -> int:
-    """Rows of a table of stars (STAR_SCHEMA) that can be seen: SNR of VISIBLE_SNR or more, the greater part in the frame."""
+    """Number of visible stars in a table (STAR_SCHEMA): SNR of VISIBLE_SNR or more, and at least half in the frame."""
     bright = pc.greater_equal(stars["snr"], VISIBLE_SNR)
     return pc.sum(pc.and_(bright, pc.greater_equal(stars["fraction_in_frame"], 0.5))).as_py() or 0
 
@@ -143,7 +143,7 @@ def _versions() -> dict[str, str]:
 
 
 def camera_object(camera: CameraSpec) -> dict[str, Any]:
-    """The description of the camera that solvers read, as in a file camera.json."""
+    """Description of the camera for solvers, as in a file camera.json."""
     projection = camera.projection
     return {
         "model": camera.model,
@@ -161,9 +161,9 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
 
 
 def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
-    """The sensor's part of a record: of a video, what holds for the mean of its frames, in electrons of all of them.
+    """The sensor's part of a record. For a video, it applies to the mean of its frames, in electrons of all of them.
 
-    Of a colour video they are electrons of the green pixels, to which white balance brings the others.
+    For a colour video they are electrons of the green pixels, to which white balance scales the others.
     """
     video, frames = sensor.video, sensor.exposures(exposure_s)
     photo = None if sensor.develop is None else sensor.develop.photo
@@ -188,7 +188,7 @@ def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
 
 
 def drift_objects(plan: FramePlan) -> dict[str, Any]:
-    """How far lens and mount have drifted, and what a solver is told instead; nothing where there is no drift."""
+    """The drift of lens and mount, and the values that a solver receives instead; empty without drift."""
     spec, drift, camera, motion = plan.spec.drift, plan.drift, plan.told_camera, plan.told_motion
     if spec is None or drift is None or camera is None or motion is None:
         return {}
@@ -209,7 +209,7 @@ def drift_objects(plan: FramePlan) -> dict[str, Any]:
 
 
 def pointing_object(R_cam: NDArray[np.float64]) -> dict[str, float]:
-    """Azimuth, altitude and roll of a rotation ENU to camera (3, 3), to 4 microarcseconds: further digits are rounding."""
+    """Azimuth, altitude and roll of a rotation ENU to camera (3, 3), to 4 microarcseconds, the limit of rounding."""
     angles = pointing_of(R_cam).model_dump()
     rounded = {name: round(angle, 9) + 0.0 for name, angle in angles.items()}
     return rounded | {"azimuth_deg": rounded["azimuth_deg"] % 360.0}
@@ -230,7 +230,7 @@ def attitude_object(motion: Motion) -> dict[str, Any]:
 
 
 def sequence_object(passage: Passage) -> dict[str, Any]:
-    """Place of a frame in its sequence, and its velocity over ground."""
+    """Position of a frame in its sequence, and its velocity over ground."""
     return {
         "index": passage.sequence,
         "step": passage.step,
@@ -240,7 +240,7 @@ def sequence_object(passage: Passage) -> dict[str, Any]:
 
 
 def clouds_object(plan: FramePlan) -> dict[str, Any] | None:
-    """The layer of cloud over a frame, with the depth that was drawn for its night; None without cloud."""
+    """The cloud layer above a frame, with the depth drawn for its night; None without cloud."""
     spec, clouds = plan.spec.sky.clouds, plan.sky.clouds
     if spec is None or clouds is None:
         return None
@@ -254,8 +254,8 @@ def clouds_object(plan: FramePlan) -> dict[str, Any] | None:
 
 
 def record_bytes(record: dict[str, Any]) -> bytes:
-    """Serialise a frame record: UTF-8 JSON without NaN or infinity, one of its sections a line."""
-    # Indentation at every level would take json's encoder in Python, ten times as long as that in C.
+    """Serialise a frame record: UTF-8 JSON without NaN or infinity, with one section per line."""
+    # Indentation at every level would make json use its Python encoder, which takes ten times as long as that in C.
     lines = (f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in record.items())
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
@@ -284,8 +284,8 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     pixel = row * camera.width + column
     sky = expected.sky_electrons.take(pixel).astype(np.float64)
     electrons = expected.star_electrons[rows]
-    # Where a star sends no light at one of these moments (occluded, or outside the lens' range), its mid-exposure position
-    # stands.
+    # If a star sends no light at one of these moments (because it is occluded, or outside the lens' range), its
+    # mid-exposure position is used.
     centroid, light, start, end = (
         [
             np.where(np.isfinite(place), place, middle)
@@ -341,7 +341,7 @@ def _column(values: Any, kind: pa.DataType) -> pa.Array:
 def _brightness_order(v_mag: NDArray[np.float64], star_id: NDArray[np.int32]) -> NDArray[np.int64]:
     """Sort keys of the stars by V in single precision, then by id."""
     bits = v_mag.astype(np.float32).view(np.int32).astype(np.int64)
-    # Of negative numbers, the bits rise as the number falls.
+    # For negative numbers, the bits rise as the number falls.
     magnitude = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)
     return (magnitude << 32) + star_id
 

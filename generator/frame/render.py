@@ -1,4 +1,4 @@
-"""Rendering frames of a scenario into a folder (docs/dataset_format.md)."""
+"""Render frames of a scenario into a folder (docs/dataset_format.md)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from generator.sensor.sunburn import burnt_pixels
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000
-"""Above this an EXR file takes 80 MB and more."""
+"""Above this size an EXR file takes 80 MB and more."""
 
 
 @dataclass(frozen=True)
@@ -73,15 +73,15 @@ class RenderedFrame:
 
     @property
     def mask(self) -> NDArray[np.uint8] | None:
-        """What is not sky, as a picture: 255 where none of the pixel is, 0 where all is; None without a foreground."""
+        """Cover of the sky as a picture: 255 for pixels without sky, 0 for pixels of sky alone; None without a foreground."""
         cover = self.expected.cover
         return None if cover is None else np.rint(255 * np.clip(cover, 0, 1)).astype(np.uint8)
 
 
 def render_frame(scenario: Scenario, index: int, layers: bool = False, channels: bool = True) -> RenderedFrame:
-    """Render frame `index` of a scenario, with `layers` each component by itself too; `channels`: see `render_expected`.
+    """Render frame `index` of a scenario, with `layers` also each component separately; `channels`: see `render_expected`.
 
-    The result depends on the scenario and the index alone.
+    The result depends only on the scenario and the index.
     """
     plan = plan_frame(scenario, index)
     expected = render_expected(plan, layers, channels)
@@ -118,7 +118,7 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
 
 
 def _taken(plan: FramePlan, photo: PhotoSpec) -> Taken:
-    """How the photograph of a frame was taken."""
+    """Return how the photograph of a frame was taken."""
     seed, R_mid = plan.scenario.seed, plan.motion.R_mid
     acceleration = None
     if photo.gravity is not None:
@@ -147,7 +147,7 @@ def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
 
 
 def further_files(frame: RenderedFrame) -> dict[str, bytes]:
-    """Files of a frame beside its image, record and expected electrons, by their suffix."""
+    """Return the files of a frame other than its image, record and expected electrons, by their suffix."""
     pictures = {
         "developed.png": frame.developed,
         "hud.png": None if frame.hud is None else hud_picture(frame.hud),
@@ -162,7 +162,7 @@ def hud_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def write_exr(path: Path, frame: RenderedFrame) -> list[str]:
-    """Write expected electrons as OpenEXR files with the frame's identity in their headers; names of the files."""
+    """Write expected electrons as OpenEXR files with the frame's identity in their headers; returns the file names."""
     names = {"electrons": "Y", "red": "R", "green": "G", "blue": "B"}
     channels = {names[name]: pixels for name, pixels in frame.expected.channels.items()}
     header = {
@@ -183,7 +183,7 @@ def write_exr(path: Path, frame: RenderedFrame) -> list[str]:
 
 
 def _write_channels(path: Path, header: dict[str, Any], channels: dict[str, NDArray[np.float32]]) -> None:
-    """Write an OpenEXR file atomically; that the system takes no more is an OSError, as from any other writer."""
+    """Write an OpenEXR file atomically; a failure to write is raised as OSError, as from any other writer."""
     with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
         try:
             file.write(str(temporary))
@@ -192,7 +192,7 @@ def _write_channels(path: Path, header: dict[str, Any], channels: dict[str, NDAr
 
 
 def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> list[str]:
-    """Write a frame's image, expected electrons and record, the record last; names of the files."""
+    """Write a frame's image, expected electrons and record, the record last; returns the file names."""
     stem = frame.plan.frame_id
     contents = {f"{stem}.png": png_bytes(frame.dn)}
     contents |= {f"{stem}-{suffix}": content for suffix, content in further_files(frame).items()}
@@ -218,20 +218,20 @@ def render_dataset(
     ----------
     scenario : Scenario
     folder : Path
-        Made if missing. Frames of the same scenario in it are kept: an interrupted run is continued.
+        Created if missing. Frames of the same scenario in it are kept, so an interrupted run is continued.
     progress : callable
         Called with the index of each finished frame.
     layers : bool
-        Write the expected electrons of each component of the sky, and of the stars, beside the sum.
+        Write the expected electrons of each component of the sky, and of the stars, in addition to the sum.
     exr : bool, optional
         Write the expected electrons; by default for images of up to LARGEST_EXR_PX pixels.
     overwrite : bool
-        Replace frames that the folder holds.
+        Replace existing frames in the folder.
 
     Returns
     -------
     tuple of str
-        Files of an earlier run that were missing or not what they had been, and are made again.
+        Files of an earlier run that were missing or had changed, and were written again.
 
     Raises
     ------
@@ -261,6 +261,6 @@ def render_dataset(
 
 
 def writes_exr(scenario: Scenario) -> bool:
-    """Whether a scenario's expected electrons are written unless asked otherwise: not for very large images."""
+    """Whether a scenario's expected electrons are written by default: not for very large images."""
     camera = scenario.frame(0).camera
     return camera.width * camera.height <= LARGEST_EXR_PX

@@ -1,4 +1,4 @@
-"""What a frame's lens scatters: the light of its sky and its points, inside and around the frame."""
+"""Light that a frame's lens scatters, from its sky and its points, inside and around the frame."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Singles = NDArray[np.float32]
 
 
 GROUP_PX = 16.0
-"""Side of the cells in which the light of faint stars is gathered where it goes astray."""
+"""Side of the cells in which faint stars are gathered for the computation of stray light."""
 
 
 @dataclass(frozen=True)
 class Shining:
-    """An emitter of points of light and what became of it.
+    """An emitter of points of light, and where its light goes.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Shining:
 
 @dataclass(frozen=True)
 class Groups:
-    """Groups of points of light in place of an emitter: what stray light asks of one.
+    """Groups of points of light with the attributes of an emitter that stray light needs.
 
     Attributes
     ----------
@@ -63,14 +63,14 @@ class Groups:
         return len(self.directions_at_middle)
 
     def open_share(self, group: Any, first: Any, last: Any) -> Floats:
-        """The Moon's part is left out, as that of whatever else hides members of groups."""
+        """Always 1: the Moon is not taken into account, nor anything else that hides members of groups."""
         del group, last
         return np.ones(len(first))
 
 
 @dataclass(frozen=True)
 class GroupTracks:
-    """Where the light of groups falls, as attributes of :class:`generator.plugins.star_tracks.StarTracks`."""
+    """Places where the light of groups falls, with the attributes of :class:`generator.plugins.star_tracks.StarTracks`."""
 
     u_px: Floats
     v_px: Floats
@@ -82,10 +82,10 @@ class GroupTracks:
 
 
 def gathered(one: Shining, camera: CameraSpec) -> Shining:
-    """Points as groups of the same light.
+    """Gather points into groups of the same total light.
 
-    A group is what lies in a cell of the sky that is GROUP_PX wide on the axis, in the frame or beside it. It shines from its
-    mean place, weighted by light, without regard to what hides parts of it.
+    A group is a cell of the sky that is GROUP_PX wide on the axis, inside or outside the frame. It shines from its mean
+    place, weighted by light, regardless of anything that hides parts of it.
     """
     towards, tracks = one.emitter.directions_at_middle, one.tracks
     cells = np.floor(towards * (camera.f_px / GROUP_PX)).astype(np.int64)
@@ -116,21 +116,21 @@ def gathered(one: Shining, camera: CameraSpec) -> Shining:
 
 
 def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, shining: Sequence[Shining]) -> Any:
-    """Electrons of light astray in each pixel, TensorXf of the shape of `image`.
+    """Electrons of stray light in each pixel, TensorXf of the shape of `image`.
 
     Parameters
     ----------
     plan : FramePlan
     scene : Scene
-        Whose environment is the diffuse sky.
+        Scene whose environment is the diffuse sky.
     camera : Sensor
     sky : TensorXf
-        (height, width, planes): electrons from the diffuse sky and the foreground; of a colour sensor either all channels or,
-        as one plane, that of each pixel. Only the latter counts.
+        (height, width, planes): electrons from the diffuse sky and the foreground; for a colour sensor either all
+        channels or, as one plane, that of each pixel. Only the latter is used.
     image : TensorXf
-        Those and the electrons from points of light; used of a monochrome sensor.
+        Electrons from the sky, the foreground and points of light; used for a monochrome sensor.
     shining : sequence of Shining
-        The points, also those around the frame.
+        The points, including those around the frame.
     """
     from generator.frame.surround import WALL_AZIMUTHS, hemisphere_light, relative_light, sky_beside, unhidden
     from generator.plugins.filter_array import chosen
@@ -176,7 +176,7 @@ def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, sh
 
 
 def lens_light(camera: Any, u: Floats, v: Floats) -> Floats:
-    """Part of the light on the axis that the lens of a Sensor passes at places, px; 0 where it images nothing, (n,) array."""
+    """Fraction of the light on the axis that a Sensor's lens passes at places, px; 0 where it images nothing, (n,) array."""
     import mitsuba as mi
 
     across, down = mi.Float(u), mi.Float(v)
@@ -186,7 +186,7 @@ def lens_light(camera: Any, u: Floats, v: Floats) -> Floats:
 
 
 def dust_of(plan: FramePlan) -> Singles:
-    """Part of the light that the dust of a camera leaves, (height, width, 1) array."""
+    """Fraction of the light that passes the dust of a camera, (height, width, 1) array."""
     camera = plan.spec.camera
     assert camera.dust is not None
     random = random_stream(plan.scenario.seed, "unit.dust", 0)
@@ -199,15 +199,15 @@ def _mean_over_time(one: Shining) -> Floats:
 
 
 def _beside(u: Floats, v: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which positions, px, lie outside a frame of a width and height."""
+    """Whether positions, px, are outside a frame of a width and height."""
     width, height = size
     return np.asarray((np.abs(u - (width - 1) / 2) > width / 2) | (np.abs(v - (height - 1) / 2) > height / 2))
 
 
 def _sources(one: Shining, free: Floats, beyond: tuple[int, int] | None) -> PointSources:
-    """Points near the frame at their moments, others, as far as they are `free`, where they are at mid-exposure.
+    """Return points near the frame at each of their moments, and others, as far as they are `free`, at mid-exposure.
 
-    `beyond`: only those outside a frame of this width and height.
+    `beyond` limits them to those outside a frame of this width and height.
     """
     tracks = one.tracks
     far = np.ones(len(tracks.u_px), dtype=bool)

@@ -1,4 +1,4 @@
-"""From a frame plan to a Mitsuba scene, and from the scene to expected electrons and truth."""
+"""Conversion of a frame plan to a Mitsuba scene, and of the scene to expected electrons and truth."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ Singles = NDArray[np.float32]
 SKY_STEP_PX = 8.0
 """The diffuse sky is evaluated once per this many pixels of motion."""
 MOST_SKY_MOMENTS = 16
-"""Bounds the time of a frame with fast motion; the sky is smooth."""
+"""Limits the time of a frame with fast motion; the sky is smooth."""
 MOST_COVERAGE_MOMENTS = 64
-"""Bounds the time of a frame with fast motion; beyond, a moving edge is blurred in steps of more than a pixel."""
+"""Limits the time of a frame with fast motion; with more, a moving edge is blurred in steps of more than a pixel."""
 
 
 @dataclass(frozen=True)
@@ -61,40 +61,40 @@ class ExpectedFrame:
     electrons : (height, width) float32 array
         Expected electrons from stars and sky in each pixel, of the colour that its filter passes.
     sky_electrons : (height, width) float32 array
-        Those from the sky and from the foreground, and what the lens scatters of all light.
+        Electrons from the sky and the foreground, and those of all light that the lens scatters.
     channels : dict of (height, width) float32 arrays
-        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty
-        unless requested.
+        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had that
+        channel; empty unless requested.
     u_px, v_px : (n,) arrays
-        Positions of the plan's stars when the row they fall on is half exposed, px; NaN where a star lies outside the lens
-        model's range.
+        Positions of the plan's stars when the row on which they fall is half exposed, px; NaN if a star is outside the
+        lens model's range.
     start_px, end_px : (n, 2) arrays
         Positions when that row's exposure starts and ends; NaN outside the range or far from the frame.
     centroid_px : (n, 2) array
-        Mean positions weighted by the light that arrives; NaN where none does.
+        Mean positions weighted by the arriving light; NaN if no light arrives.
     light_px : (n, 2) array
-        First moments of the light on an unbounded sensor, the point spread function's asymmetry and lateral colour included;
-        NaN where none arrives.
+        First moments of the light on an unbounded sensor, with the point spread function's asymmetry and lateral colour;
+        NaN if no light arrives.
     star_electrons : (n,) array
-        Expected electrons over the whole point spread function; of a colour sensor, the mean over its filter pattern.
+        Expected electrons over the whole point spread function; for a colour sensor, the mean over its filter pattern.
     fraction_in_frame : (n,) array
-        Part of them that falls on the sensor.
+        Fraction of these electrons that falls on the sensor.
     occluded : (n,) bool array
         Whether the foreground and the Moon hide more than half of the star's light.
     hidden_fraction : (n,) array
-        Part of the star's light that they hide.
+        Fraction of the star's light that they hide.
     objects : StarTruth
-        The same of the plan's flying objects.
+        Truth of the plan's flying objects.
     lamps : StarTruth
-        The same of the lamps in view.
+        Truth of the lamps in view.
     moon : StarTruth
-        The same of the Moon's disk as one source (n = 1); n = 0 where no Moon is drawn.
+        Truth of the Moon's disk as one source (n = 1); n = 0 if no Moon is drawn.
     zenith_mag_arcsec2 : float or None
         Brightness of the diffuse sky at the zenith, V mag/arcsec^2; None for a black sky.
     layers : dict of (height, width) float32 arrays
         Parts of `electrons` by name, if requested; they add up to it.
     cover : (height, width) float32 array or None
-        Part of each pixel that is not sky; None where the scenario has nothing in front of the sky.
+        Fraction of each pixel that is not sky; None if the scenario has nothing in front of the sky.
     """
 
     electrons: NDArray[np.float32]
@@ -135,11 +135,11 @@ def scene_dict(
     ----------
     plan : FramePlan
     sky : SkyTable or None
-        The diffuse sky; None: the frame's own.
+        The diffuse sky; None for the frame's own.
     camera : Sensor or None
         The frame's camera, if already loaded.
     landscape : LandscapeMaps or None
-        The frame's landscape under its light; None: without one.
+        The frame's illuminated landscape; None if there is no landscape.
     """
     mi = plugins.start()
     spec = plan.spec
@@ -160,11 +160,11 @@ def scene_dict(
 
 
 def sky_dict(sky: SkyTable) -> dict[str, Any]:
-    """The diffuse sky's part of a scene; its spectra are the same for all light (as in `metameric` and `compressed`)."""
+    """The diffuse sky's part of a scene; its spectra are common to all light (as in `metameric` and `compressed`)."""
     description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
     if sky.low is not None:
         description |= {"low_maps": tensor(sky.low.maps[None]), "lowest_deg": sky.low.lowest_deg}
-    # One veil of diffuse light and one of the Moon's, each of the frame's cloud.
+    # There is one veil of the frame's cloud for diffuse light and one for the Moon's.
     veiled = sorted(sky.veiled, key=lambda pair: isinstance(pair[0], MoonVeil))
     veils = [veil for veil, _ in veiled if isinstance(veil, CloudVeil | MoonVeil)]
     if veils:
@@ -254,7 +254,7 @@ def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
 
 
 def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None = None) -> Floats:
-    """Electrons per photon at GRID_NM: a curve (points nm, 0-1; the sensor's own unless given) times the transmission."""
+    """Electrons per photon at GRID_NM: a curve (points nm, 0-1; by default the sensor's) times the transmission."""
     points = np.array(spec.sensor.quantum_efficiency if curve is None else curve)
     return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
 
@@ -262,8 +262,8 @@ def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None 
 def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
     """Render a frame's expected electrons, and the truth of its stars.
 
-    With `layers`, each component by itself too. Without `channels`, pixels of a colour sensor are rendered in their own
-    channel alone, which gives the same electrons in less time.
+    With `layers`, each component is also rendered separately. Without `channels`, pixels of a colour sensor are rendered
+    only in their own channel, which gives the same electrons in less time.
     """
     mi = plugins.start()
     import drjit as dr
@@ -345,7 +345,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if emitter.id() == "moon":
             moon = moon.joined(between_lit_ends(truth, tracks, emitter.dark_at_ends).together())
             integrator.forget(emitter)
-            # Unevaluated, the sum keeps the points of every block.
+            # Without evaluation, the sum would keep the points of every block in memory.
             dr.eval(image)
             continue
         truths[emitter.id()] = truth

@@ -16,7 +16,7 @@ from generator.optics.psf import FINE_PER_PX, psf_table
 Floats = NDArray[np.float64]
 
 WHOLE_SIGMAS = 9.0
-"""A Gaussian centred this far inside the frame lies entirely on it, to double precision."""
+"""A Gaussian centred this far inside the frame is entirely on the frame, to double precision."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class StarTruth:
     Attributes
     ----------
     light_px : (n, 2) array
-        First moment of the light on an unbounded sensor: `centroid_px` with what the point spread function's asymmetry and
-        lateral colour add; NaN where no light arrives.
+        First moment of the light on an unbounded sensor: `centroid_px` plus the contributions of the point spread
+        function's asymmetry and lateral colour; NaN if no light arrives.
     hidden_fraction : (n,) array
-        Part of the light that geometry, landscape and Moon hide.
+        Fraction of the light that geometry, landscape and Moon hide.
     low_px, high_px : (n, 2) arrays
-        Least and greatest u and v from which light arrives, without the point spread function; NaN where none does.
+        Least and greatest u and v from which light arrives, without the point spread function; NaN if no light arrives.
     """
 
     u_px: Floats
@@ -48,13 +48,13 @@ class StarTruth:
     high_px: Floats
 
     def joined(self, other: StarTruth) -> StarTruth:
-        """Truth of these and others, in this order."""
+        """Truth of these stars followed by others."""
         return StarTruth(
             *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
         )
 
     def together(self) -> StarTruth:
-        """Truth of all merged into one source; empty if there are none."""
+        """Truth of all stars merged into one source; empty if there are none."""
         electrons = self.electrons
         if not len(electrons):
             return self
@@ -128,7 +128,7 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
 
 
 def _corners(tracks: Any, count: int) -> tuple[Floats, Floats]:
-    """Least and greatest u and v, px, from which each source's light arrives, (n, 2) arrays; NaN where none does."""
+    """Least and greatest u and v, px, from which each source's light arrives, (n, 2) arrays; NaN if none does."""
     low, high = np.full((2, count, 2), np.nan)
     # The moments are in the order of their sources.
     lit, first = np.unique(tracks.star, return_index=True)
@@ -140,15 +140,15 @@ def _corners(tracks: Any, count: int) -> tuple[Floats, Floats]:
 
 
 def between_lit_ends(truth: StarTruth, tracks: Any, dark_ends: NDArray[np.bool_]) -> StarTruth:
-    """The truth of lights that flash, rise or set: starts and ends are where they shine first and last in the exposure.
+    """Truth of lights that flash, rise or set: starts and ends are where they first and last shine in the exposure.
 
     Parameters
     ----------
     truth : StarTruth
     tracks : generator.plugins.star_tracks.StarTracks
-        Their moments are in the order of time, source by source.
+        Tracks whose moments are ordered by time for each source in turn.
     dark_ends : (n, 2) bool array
-        Whether each is dark at first and at last.
+        Whether each is dark at the beginning and at the end.
     """
     start, end = truth.start_px.copy(), truth.end_px.copy()
     lit, first = np.unique(tracks.star, return_index=True)
@@ -160,7 +160,7 @@ def between_lit_ends(truth: StarTruth, tracks: Any, dark_ends: NDArray[np.bool_]
 
 
 def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
-    """Part of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
+    """Fraction of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
     share = np.ones_like(position_px)
     inside = (position_px > WHOLE_SIGMAS * sigma_px) & (position_px < size - 1 - WHOLE_SIGMAS * sigma_px)
     rest = np.flatnonzero(~inside)
@@ -178,10 +178,10 @@ def _nearest_node(plan: FramePlan, tracks: Any, rows: int, columns: int) -> tupl
 
 
 def _light_offset(plan: FramePlan, tracks: Any, by_band: Floats) -> Floats:
-    """First moment of each star's light less its mean position, px, (n, 2) array; 0 where no light arrives.
+    """First moment of each star's light minus its mean position, px, (n, 2) array; 0 if no light arrives.
 
-    Of each moment and band, what is drawn of the band's light weighs its lateral chromatic shift and the first moment of the
-    point spread function there; moments weigh by their light.
+    For each moment and band, the lateral chromatic shift and the first moment of the point spread function are weighted
+    by the drawn part of the band's light; moments are weighted by their light.
     """
     camera = plan.spec.camera
     table = psf_table(camera)
@@ -207,9 +207,9 @@ def _light_offset(plan: FramePlan, tracks: Any, by_band: Floats) -> Floats:
 
 
 def _table_shares(plan: FramePlan, tracks: Any) -> Floats:
-    """Part of the tabulated point spread function that falls on the sensor, at m moments, (m, bands) array.
+    """Fraction of the tabulated point spread function that falls on the sensor, at m moments, (m, bands) array.
 
-    That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
+    It is that of the nearest field node, to a fraction of a pixel, or the support's encircled energy if it is wholly inside.
     """
     camera = plan.spec.camera
     table = psf_table(camera)

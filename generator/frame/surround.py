@@ -1,4 +1,4 @@
-"""Light that a camera receives from around its frame: what its lens scatters into it."""
+"""Light that a camera receives from around its frame and that its lens scatters into it."""
 
 from __future__ import annotations
 
@@ -19,27 +19,29 @@ from generator.plugins.stars import StarEmitter
 Floats = NDArray[np.float64]
 
 HEMISPHERE_DIRECTIONS = 1024
-"""Even directions over the pupil's hemisphere: the mean of a night sky over them is good to 1 %."""
+"""Number of evenly distributed directions over the pupil's hemisphere: the mean of a night sky over them is accurate to 1
+%."""
 WALL_AZIMUTHS = 72
-"""Of the walls around a lens."""
+"""Number of azimuths of the walls around a lens."""
 LOBE_EXPONENT = 8
-"""Of the cosine of the azimuth by which a ring's own side and the other light it, as in photographs of an all-sky camera."""
+"""Exponent of the cosine of the azimuth with which a ring is lit from its own side and from the opposite one, as in
+photographs of an all-sky camera."""
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
 def sky_beside(scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamera, u: Floats, v: Floats) -> Floats:
-    """Electrons per pixel from the sky and the foreground at positions that need not lie in the frame, at mid-exposure.
+    """Electrons per pixel from the sky and the foreground at positions that may be outside the frame, at mid-exposure.
 
     Parameters
     ----------
     scene, integrator, camera
     u, v : (n,) arrays
-        px.
+        Positions, px.
 
     Returns
     -------
     (n, channels) array
-        0 where the lens images nothing.
+        Zero where the lens images nothing.
     """
     position = mi.Point2f(mi.Float(aligned((u + 0.5) / camera.width)), mi.Float(aligned((v + 0.5) / camera.height)))
     ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), position)
@@ -54,7 +56,7 @@ def hemisphere_light(
     per_emitter: list[tuple[StarEmitter, Floats]],
     wall_azimuths: int,
 ) -> tuple[Floats, Floats]:
-    """What the light in front of the lens amounts to, at mid-exposure, points included.
+    """Effect of all light in front of the lens, at mid-exposure, points included.
 
     Parameters
     ----------
@@ -62,16 +64,17 @@ def hemisphere_light(
     per_emitter : list of (StarEmitter, (n, channels) array)
         Points of light, and their electrons on the axis.
     wall_azimuths : int
-        Walls around the lens; 0 for a lens without.
+        Number of walls around the lens; 0 for a lens without walls.
 
     Returns
     -------
     mean : (channels,) array
-        Electrons of a pixel on the axis if it received the mean over the hemisphere about the boresight, weighted by the
+        Electrons of a pixel on the axis that receives the mean over the hemisphere about the boresight, weighted by the
         pupil's projected area.
     walls : (3, wall_azimuths, channels) array
-        The same if it received the light of white Lambert walls that stand around the lens parallel to its axis, by their
-        azimuth from +u to +v; and the light of their own and of the other side, in lobes over the azimuth.
+        Electrons of a pixel on the axis that receives the light of white Lambert walls around the lens, parallel to its
+        axis, by their azimuth from +u to +v; then those for the light of their own side and of the opposite one, in lobes
+        over the azimuth.
     """
     z = 1 - (np.arange(HEMISPHERE_DIRECTIONS) + 0.5) / HEMISPHERE_DIRECTIONS
     radius, turn = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(HEMISPHERE_DIRECTIONS)
@@ -85,7 +88,7 @@ def hemisphere_light(
     light = _seen(scene, integrator, camera, ray, camera.collected * mi.Float(pixel_sr), integrator.lit_samples)
     cosine_law = camera.pupil_law == "cosine"
     walls = np.linspace(0, 2 * math.pi, wall_azimuths, endpoint=False)
-    # A wall faces the axis: it is lit from the other side.
+    # A wall faces the axis, so it is lit from the opposite side.
     inward = -np.stack([np.cos(walls), np.sin(walls), np.zeros(wall_azimuths)])
 
     def weighted(directions: Floats, light: Floats) -> tuple[Floats, Floats]:
@@ -111,7 +114,7 @@ def hemisphere_light(
 
 
 def relative_light(camera: NightSkyCamera) -> NDArray[np.float32]:
-    """Electrons of each pixel of an even field over those of a pixel on the axis, (height x width,) array."""
+    """Electrons of each pixel under a uniform field relative to those of a pixel on the axis, (height x width,) array."""
     index = dr.arange(mi.UInt32, camera.width * camera.height)
     column, row = index % camera.width, index // camera.width
     position = mi.Point2f((mi.Float(column) + 0.5) / camera.width, (mi.Float(row) + 0.5) / camera.height)
@@ -122,7 +125,7 @@ def relative_light(camera: NightSkyCamera) -> NDArray[np.float32]:
 
 
 def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -> Floats:
-    """Part of the light of each point that nothing hides, (n,) array: the foreground at mid-exposure, the Moon over all."""
+    """Fraction of each point's light that nothing hides, (n,) array: foreground at mid-exposure, Moon at all times."""
     whole = np.ones(emitter.count)
     open_share = np.asarray(emitter.open_share(np.arange(emitter.count), 0 * whole, whole))
     if not emitter.behind_foreground or (not scene.shapes() and integrator.surroundings is None):

@@ -1,4 +1,4 @@
-"""`skybench verify` of a folder that `skybench render` wrote: its files against its manifest, and against each other."""
+"""`skybench verify` for a folder that `skybench render` wrote: checks files against the manifest and against each other."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from generator.stored_files import problems_of_files, strange_files
 
 
 def is_frames_folder(folder: Path) -> bool:
-    """Whether a folder looks like one of `skybench render`, finished or not."""
+    """Whether a folder looks like one that `skybench render` wrote, finished or not."""
     return (
         any((folder / name).exists() for name in (FRAMES_MANIFEST, STARS_FILE, UNFINISHED))
         or next(folder.glob("frame-*.json"), None) is not None
@@ -47,7 +47,7 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
 
 
 def _wanted(manifest: FramesManifest) -> Iterator[str]:
-    """Files without which a folder is not complete; the number of frames is bounded by that of the files listed."""
+    """Yield the files without which a folder is incomplete; the number of frames is limited by the number of listed files."""
     yield STARS_FILE
     for index in range(min(manifest.frames, len(manifest.files) + 1)):
         yield f"{frame_id(index)}.png"
@@ -55,7 +55,7 @@ def _wanted(manifest: FramesManifest) -> Iterator[str]:
 
 
 def _content_problems(folder: Path, manifest: FramesManifest) -> Iterator[str]:
-    """Disagreements between records, images and tables whose bytes are as listed."""
+    """Yield contradictions between records, images and tables whose bytes are as listed."""
     stars_of: dict[int, int] = {}
     refused = False
     for file in manifest.files:
@@ -82,7 +82,7 @@ def _content_problems(folder: Path, manifest: FramesManifest) -> Iterator[str]:
 
 
 def _checked_record(folder: Path, place: str, size: int, manifest: FramesManifest) -> dict[str, Any]:
-    """A record, compared with the manifest, and the images beside it with the record. Raises GeneratorError."""
+    """Check a record against the manifest, and the images next to it against the record. Raises GeneratorError."""
     path = folder / place
     if size > LARGEST_RECORD_BYTES:
         raise GeneratorError(f"{path}: {size} bytes, larger than any frame record")

@@ -1,4 +1,4 @@
-"""Frames of cameras that can be bought, each by its preset, as the camera records them."""
+"""Frames of commercially available cameras, each by its preset, as the camera records them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SCENES = {
     "star_tracker": "Star tracker, 1 s, 15.5° x 10.5°",
 }
 SIDE_PX = 1000
-"""Longest side of a picture, about."""
+"""Approximate length of the longest side of a picture."""
 LOW, HIGH, GAMMA = 0.3, 0.999, 1.6
 
 
@@ -38,7 +38,7 @@ def _grey(dn: NDArray[np.uint16]) -> NDArray[np.uint8]:
 
 
 def _shown(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture in means over squares of pixels, about `SIDE_PX` wide."""
+    """Reduce the picture to means over squares of pixels, about `SIDE_PX` wide."""
     step = max(round(max(picture.shape[:2]) / SIDE_PX), 1)
     height, width = (side // step * step for side in picture.shape[:2])
     parts = picture[:height, :width].reshape(height // step, step, width // step, step, *picture.shape[2:])

@@ -28,7 +28,7 @@ OBSERVER = "CIE 1931 2 Degree Standard Observer"
 STAR_SIGMA_PX = 0.6
 """Standard deviation of the stars' images."""
 WHITE_OVER_MEDIAN = 6.0
-"""Luminance of white over that of the median sky: dark enough for the Milky Way to show."""
+"""Luminance of white relative to that of the median sky: dark enough for the Milky Way to show."""
 BACKGROUND = 31
 """Dark grey of the corners, 8 bits."""
 
@@ -67,10 +67,10 @@ def plan_of(sky: str, utc: str, latitude: float = 32.0, longitude: float = 10.0)
 
 
 def observer_weights() -> Floats:
-    """Weights that make CIE 1931 XYZ of photon spectra at GRID_NM, (3, n) array.
+    """Weights that convert photon spectra at GRID_NM to CIE 1931 XYZ, (3, n) array.
 
-    The colour-matching functions times the maximum luminous efficacy, the energy per photon and the step of the grid:
-    photons s^-1 m^-2 nm^-1 sr^-1 become XYZ with Y in cd m^-2.
+    They are the colour-matching functions times the maximum luminous efficacy, the energy per photon and the step of the
+    grid: photons s^-1 m^-2 nm^-1 sr^-1 become XYZ with Y in cd m^-2.
     """
     library = colour()
     grid = library.SpectralShape(GRID_NM[0], GRID_NM[-1], GRID_NM[1] - GRID_NM[0])
@@ -79,7 +79,7 @@ def observer_weights() -> Floats:
 
 
 def true_colour(xyz: Floats, white_cd_m2: float) -> NDArray[np.uint8]:
-    """8-bit sRGB (..., 3) of CIE 1931 XYZ (..., 3): light of D65's colour and luminance `white_cd_m2` is (255, 255, 255)."""
+    """8-bit sRGB (..., 3) for CIE 1931 XYZ (..., 3): light of D65's colour and luminance `white_cd_m2` is (255, 255, 255)."""
     rgb = np.clip(colour().XYZ_to_sRGB(xyz / white_cd_m2), 0, 1)
     return np.rint(255 * rgb).astype(np.uint8)
 

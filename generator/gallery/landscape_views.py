@@ -20,7 +20,7 @@ VIEWS: tuple[tuple[str, list[str], float, str], ...] = (
     ("landscape", ["street"], 0.05, "A street with lamps and lit windows, 1/20 s"),
     ("hills", ["forest"], 10.0, "The same hills behind a wood"),
 )
-"""Scene, its skyline (its own unless given), exposure, title."""
+"""Scene, skyline (by default the scene's), exposure, title."""
 
 
 def landscapes() -> Figure:
@@ -36,7 +36,7 @@ def landscapes() -> Figure:
 
 
 def _in_colour(scenario: Scenario, skyline: list[str], exposure_s: float) -> Scenario:
-    """A scenario by a smaller sensor with a Bayer array, in front of another skyline where one is given."""
+    """Return a scenario with a smaller sensor with a Bayer array, and with another skyline if one is given."""
     template = copy.deepcopy(scenario.template)
     template["camera"] |= {"width": SIZE_PX[0], "height": SIZE_PX[1]}
     template["sensor"] = template.get("sensor", {}) | {"colour": {"pattern": "RGGB"}, "develop": {"exposure": "auto"}}

@@ -1,4 +1,4 @@
-"""Plots of city light and moonlight beside published numbers and independent calculations."""
+"""Plots of city light and moonlight compared with published numbers and independent calculations."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ JPEG = {"quality": 88}
 
 
 def sheet(views: Sequence[tuple[str, View]], columns: int, path: Path, title: str) -> Path:
-    """A sheet of all-sky views, each with its exposure."""
+    """Write a sheet of all-sky views, each with its exposure."""
     rows = -(-len(views) // columns)
     figure = Figure(figsize=(3.1 * columns, 3.6 * rows + 0.5), facecolor="#1f1f1f")
     axes = figure.subplots(rows, columns, squeeze=False)
@@ -41,7 +41,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def make_gallery(folder: Path) -> list[Path]:
-    """Make all pictures in `folder`; return their paths."""
+    """Write all pictures to `folder`; return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     classes = [(f"Bortle {k}", all_sky(plan_of(f"{{bortle: {k}}}", AUTUMN_NIGHT))) for k in range(1, 10)]
     pictures = [sheet(classes, 3, folder / "bortle.jpg", "Bortle classes, the city in the south-west")]
@@ -87,7 +87,7 @@ def cloud_views() -> list[tuple[str, View]]:
 
 
 def twilight_views() -> list[tuple[str, View]]:
-    """Views with the Sun 6, 9, 12 and 18 deg down, at times found by halving the evening."""
+    """Views with the Sun 6, 9, 12 and 18 deg below the horizon, at times found by bisection of the evening."""
     views = []
     for depression in (6.0, 9.0, 12.0, 18.0):
         early, late = 17 * 60.0, 20 * 60.0

@@ -1,4 +1,4 @@
-"""Plots of the natural sky's models and of twilight beside published numbers."""
+"""Plots of the natural sky's models and of twilight compared with published numbers."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ VAN_RHIJN = {
     "250 km": {30: 1.141, 45: 1.365, 60: 1.809, 70: 2.342, 75: 2.711, 80: 3.132, 85: 3.513},
 }
 ESO_LINES = {557.7: 218.0, 589.3: 48.0, 630.0: 165.0, 636.4: 44.0}
-"""Rayleigh at the zenith, 130 sfu. Source: Noll et al. 2012."""
+"""Brightness of lines in rayleigh at the zenith, 130 sfu. Source: Noll et al. 2012."""
 ZODIACAL = {
     0: {30: 2480, 45: 910, 60: 505, 75: 338, 90: 259, 120: 188, 150: 179, 180: 230},
     30: {30: 365, 45: 250, 60: 183, 75: 151, 90: 132, 120: 113, 150: 116, 180: 134},
     60: {30: 131, 45: 116, 60: 104, 75: 93, 90: 86, 120: 77, 150: 79, 180: 83},
 }
-"""Source: Leinert et al. 1998, table 17, by ecliptic latitude."""
+"""Zodiacal light by ecliptic latitude. Source: Leinert et al. 1998, table 17."""
 MILKY_WAY = {-75: 20, -60: 24, -45: 30, -30: 47, -20: 70, -10: 131, -5: 167, 0: 156, 5: 137, 10: 102, 15: 81, 20: 63,
              30: 44, 45: 28, 60: 22, 75: 20}  # fmt: skip
 """Median S10(V) over longitude of an all-sky star map at 550 nm (SkyMapMod)."""
 MILKY_WAY_RANGE = {0: (103, 260), 5: (81, 205)}
-"""10 to 90 % of longitudes."""
+"""Range from 10 to 90 % of longitudes."""
 PATAT_V = {5: 11.84, 6: 13.30, 8: 15.88, 9: 17.00, 10: 18.00, 12: 19.67, 14: 20.89, 15: 21.32}
 CRUMEY = {1: 6.25, 2: 6.17, 3: 6.05, 4: 5.87, 5: 5.63, 6: 5.33, 7: 5.04, 8: 4.83, 9: 4.78}
 

@@ -1,4 +1,4 @@
-"""Plots of twilight beside measurements."""
+"""Plots of twilight compared with measurements."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Site = tuple[Atmosphere, float]
 PARANAL: Site = (Atmosphere(744.0, 0.04, 1.3, 260.0), 2.635)
 SACRAMENTO_PEAK: Site = (Atmosphere(722.0, 0.03, 1.3, 300.0), 2.8)
 MARYLAND: Site = (Atmosphere(1010.0, 0.15, 1.3, 320.0), 0.03)
-"""Air and height, km; aerosol by Patat et al. 2011 at Paranal, assumed at the others."""
+"""Air and height, km, of the sites; aerosol from Patat et al. 2011 at Paranal, assumed at the others."""
 BANDS = {
     "U": (360.0, 756e5), "B": (438.0, 1393.5e5), "V": (545.0, 995.9e5), "R": (641.0, 702.5e5), "I": (798.0, 452.3e5)
 }  # fmt: skip
@@ -33,27 +33,27 @@ PATAT = {
     "U": (11.78, 1.376, -0.039), "B": (11.84, 1.411, -0.041), "V": (11.84, 1.518, -0.057), "R": (11.40, 1.567, -0.064),
     "I": (10.93, 1.470, -0.062),
 }  # fmt: skip
-"""Zenith, night sky included: a0 + a1 x + a2 x^2, x = depression - 5 deg. Source: Patat et al. 2006, table 1."""
+"""Zenith brightness, night sky included: a0 + a1 x + a2 x^2, x = depression - 5 deg. Source: Patat et al. 2006, table 1."""
 NIGHT_MAG = {"U": 22.28, "B": 22.64, "V": 21.61, "R": 20.87, "I": 19.71}
-"""Night sky of the same site, which is in those figures. Source: Patat 2003, A&A 400, 1183."""
+"""Night sky of the same site, which those values include. Source: Patat 2003, A&A 400, 1183."""
 KOOMEN_DEPRESSION = (0.0, 3.0, 6.0, 9.0, 12.0)
 KOOMEN = {
     "Sacramento Peak": (SACRAMENTO_PEAK, (7.74, 10.00, 14.14, 17.81, 20.30)),
     "Maryland": (MARYLAND, (7.06, 9.25, 13.05, 17.06, 19.80)),
 }
-"""Zenith, V mag/arcsec^2. Source: Koomen et al. 1952, J. Opt. Soc. Am. 42, 353."""
+"""Zenith brightness, V mag/arcsec^2. Source: Koomen et al. 1952, J. Opt. Soc. Am. 42, 353."""
 DEPRESSIONS: Floats = np.linspace(0, 18, 37)
 COLOURS = {"U": "C4", "B": "C0", "V": "C2", "R": "C3", "I": "k"}
 
 
 def radiances(site: Site, depression_deg: float, altitude_deg: Floats, azimuth_deg: float = 0.0) -> Floats:
-    """Photon radiances s^-1 m^-2 nm^-1 sr^-1 in the plane of the Sun or another, (m, n) array."""
+    """Photon radiances, s^-1 m^-2 nm^-1 sr^-1, in the plane of the Sun or another, (m, n) array."""
     sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG])[0]
     return twilight_field(depression_deg, *site, altitude_deg, np.array([azimuth_deg]))[:, 0] * sun
 
 
 def zenith(site: Site, depression_deg: float) -> Floats:
-    """Photon radiance overhead, (n,) array."""
+    """Photon radiance at the zenith, (n,) array."""
     return radiances(site, depression_deg, np.array([90.0]))[0]
 
 
@@ -64,7 +64,7 @@ def band_magnitude(light: Floats, band: str) -> float:
 
 
 def v_magnitude(light: Floats) -> float:
-    """V mag/arcsec^2."""
+    """Surface brightness, V mag/arcsec^2."""
     return float(-2.5 * np.log10(BESSELL_V.mean(GRID_NM, light) / ARCSEC2_PER_SR / BESSELL_V.zero_point))
 
 
@@ -74,14 +74,14 @@ def with_night(mag: float, night_mag: float) -> float:
 
 
 def patat_magnitude(band: str, depression_deg: Floats) -> Floats:
-    """Patat's fit, night sky included."""
+    """Brightness by Patat's fit, night sky included."""
     a, b, c = PATAT[band]
     x = depression_deg - 5
     return a + b * x + c * x * x
 
 
 def twilight_measured() -> Figure:
-    """Zenith by band, its deviations and colour, the meridian of the Sun, spectra, and the share scattered once: a figure."""
+    """Zenith by band, its deviations and colour, the Sun's meridian, spectra, and the fraction scattered once: a figure."""
     figure = Figure(figsize=(13, 8))
     axes = figure.subplots(2, 3)
     spectra = [zenith(PARANAL, float(d)) for d in DEPRESSIONS[:-1]]

@@ -20,7 +20,7 @@ TITLES = {
     "STDPIXEL": "Standard deviation as stored",
 }
 LARGEST = {"MAXPIXEL": 120, "AVEPIXEL": 80, "MAXFRAME": 255, "STDPIXEL": 12}
-"""Value that is shown white."""
+"""Value that is shown as white."""
 
 
 def meteor_stack() -> Figure:

@@ -1,1 +1,1 @@
-"""What stands around the camera: panoramas from pictures and from random numbers, and the light that they reflect."""
+"""The surroundings of the camera: panoramas from pictures and from random numbers, and the light that they reflect."""

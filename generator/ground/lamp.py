@@ -1,4 +1,4 @@
-"""Lamps in view: where they stand, how strong they are, and the light that reaches the camera."""
+"""Lamps in view: their places, their intensities, and the light that reaches the camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 RED_NM, RED_WIDTH_NM = 630.0, 8.0
-"""Middle and standard deviation of a red light-emitting diode's spectrum (AlGaInP: 18 to 20 nm at half height)."""
+"""Centre and standard deviation of the spectrum of a red light-emitting diode (AlGaInP: 18 to 20 nm at half height)."""
 KINDS = ("HPS", "LED", "LED3000", "MH", "mercury", "red")
 VISUAL_NM = 550.0
 
@@ -34,10 +34,10 @@ class Lamp:
     intensity_cd : float
         Luminous intensity towards the camera.
     downward_cd : float
-        Luminous intensity towards the ground, which lights the landscape; that of a source that shines below the
-        horizontal alone.
+        Luminous intensity towards the ground, which lights the landscape; it is that of a source that shines only below
+        the horizontal.
     kind : str
-        Of :func:`spectrum`.
+        Kind of :func:`spectrum`.
     """
 
     azimuth_deg: float
@@ -49,12 +49,12 @@ class Lamp:
 
     @property
     def illuminance_lx(self) -> float:
-        """At the camera, perpendicular to the line of sight, without the air between."""
+        """Illuminance at the camera, perpendicular to the line of sight, without the air in between."""
         return self.intensity_cd / self.distance_m**2
 
     @property
     def place_m(self) -> Floats:
-        """East, north and up of the camera, m, (3,) array."""
+        """Place east, north and up of the camera, m, (3,) array."""
         azimuth, altitude = np.radians([self.azimuth_deg, self.altitude_deg])
         direction = [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
         return self.distance_m * np.array(direction)
@@ -75,7 +75,7 @@ def spectra() -> Floats:
 
 
 def apparent_v_mag(lamps: tuple[Lamp, ...], air: Atmosphere | None) -> Floats:
-    """V at the camera, by illuminance, through the air between (its extinction at the ground, at 550 nm), (n,) array."""
+    """V at the camera from the illuminance, dimmed by the air's extinction at the ground at 550 nm, (n,) array."""
     lux = np.array([lamp.illuminance_lx for lamp in lamps])
     kilometres = np.array([lamp.distance_m for lamp in lamps]) / 1000
     magnitude = -2.5 * np.log10(lux / (LUMEN_PER_V_PHOTON * BESSELL_V.zero_point))
@@ -83,7 +83,7 @@ def apparent_v_mag(lamps: tuple[Lamp, ...], air: Atmosphere | None) -> Floats:
 
 
 def extinction_per_km(air: Atmosphere | None) -> float:
-    """Of the air at the ground at VISUAL_NM; 0 without air."""
+    """Extinction of the air at the ground at VISUAL_NM; 0 without air."""
     if air is None:
         return 0.0
     nm, layers = np.array([VISUAL_NM]), BakedAir()

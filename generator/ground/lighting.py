@@ -1,10 +1,10 @@
 """Light on a landscape: from the sky around it, from the Moon, and from the rest of the landscape.
 
-The picture of a landscape holds no shapes. What is above the horizon is taken as upright and facing the camera (houses, the
-edge of a wood, a slope seen from the plain), what is below it as level ground; both reflect evenly in all directions
-(Lambert 1760). Each surface is lit by the sky that it faces, by the Moon unless the landscape hides it, and by the landscape
-opposite, as if all of it stood where the camera stands. Light goes to and fro without end, so that a white
-landscape under a sky of one brightness becomes as bright as the sky (it neither makes nor swallows light).
+The picture of a landscape contains no shapes. Everything above the horizon is taken as upright and facing the camera
+(houses, the edge of a wood, a slope seen from the plain), and everything below it as level ground; both reflect evenly in
+all directions (Lambert 1760). Each surface is lit by the sky that it faces, by the Moon unless the landscape hides it,
+and by the opposite landscape, as if all surfaces were at the camera's place. All orders of reflection are included, so
+that a white landscape under a uniform sky becomes as bright as the sky (it neither creates nor absorbs light).
 
 Radiance and irradiance are in photons s^-1 m^-2 nm^-1 (sr^-1) at GRID_NM.
 """
@@ -24,14 +24,15 @@ from generator.ground.reflectance import primaries
 Floats = NDArray[np.float64]
 
 WALLS = 72
-"""Azimuths of upright surfaces, evenly spaced from north."""
+"""Number of azimuths of upright surfaces, evenly spaced from north."""
 ROWS = 72
-"""Of the grid of directions from which light comes: cells of 2.5 deg."""
+"""Rows of the grid of directions from which light comes: cells of 2.5 deg."""
 
 LAMP_ROWS = 128
 LEAST_LAMP_DISTANCE_M = 0.3
 MOST_RETURNED = 1 - 1e-6
-"""Share of the light that a white surface reflects: a closed white room would otherwise have no end of it."""
+"""Largest fraction of the light that a surface reflects; otherwise the series of reflections in a closed white room would not
+end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +44,10 @@ class SkyLight:
     maps : (k, ROWS^2) array
         Values in the directions of :func:`sky_directions`.
     spectra : (k, n) array
-        The sky's radiance is the sum of map times spectrum.
+        Spectra; the sky's radiance is the sum of map times spectrum.
     moon_enu : (3,) array
     moon_irradiance : (n,) array
-        Of the Moon's direct light at the ground, perpendicular to it; 0 without Moon.
+        Irradiance of the Moon's direct light at the ground, perpendicular to it; 0 without Moon.
     """
 
     maps: Floats
@@ -56,7 +57,7 @@ class SkyLight:
 
 
 def unit_vectors(altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
-    """East, north, up of directions, (..., 3) array."""
+    """Unit vectors east, north, up of directions, (..., 3) array."""
     altitude, azimuth = np.radians(altitude_deg), np.radians(azimuth_deg)
     level = np.cos(altitude)
     parts = np.broadcast_arrays(np.sin(azimuth) * level, np.cos(azimuth) * level, np.sin(altitude))
@@ -64,7 +65,7 @@ def unit_vectors(altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
 
 
 def _cells() -> tuple[Floats, Floats]:
-    """Altitudes and azimuths of the middles of all cells, row by row from the zenith, (2 ROWS^2,) arrays."""
+    """Altitudes and azimuths of the centres of all cells, row by row from the zenith, (2 ROWS^2,) arrays."""
     grid = np.meshgrid(row_altitudes(ROWS), column_azimuths(2 * ROWS), indexing="ij")
     return grid[0].ravel(), grid[1].ravel()
 
@@ -90,7 +91,7 @@ def _projected() -> Floats:
 
 
 def irradiance(panorama: Panorama, light: SkyLight) -> Floats:
-    """Irradiance of the surfaces of :func:`surface_normals` in the middle of a landscape, (WALLS + 1, n) array."""
+    """Irradiance of the surfaces of :func:`surface_normals` at the centre of a landscape, (WALLS + 1, n) array."""
     around = _surroundings(panorama)
     moon_seen = 1 - float(opacity(around.sphere, *_azimuth_altitude(light.moon_enu))[0])
     moon = np.maximum(surface_normals() @ light.moon_enu, 0)[:, None] * (moon_seen * light.moon_irradiance)
@@ -100,16 +101,17 @@ def irradiance(panorama: Panorama, light: SkyLight) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Surroundings:
-    """What the surfaces in the middle of a landscape see.
+    """Surroundings of the surfaces at the centre of a landscape.
 
     Attributes
     ----------
     sphere : Layers
         The landscape on the grid of cells.
     from_sky : (WALLS + 1, ROWS^2) array
-        Projected solid angles of the sky's directions, without what the landscape hides, sr.
+        Projected solid angles of the sky's directions, without hidden parts, sr.
     kept : (n, WALLS + 1, WALLS + 1) array
-        Irradiance of all surfaces times this, wavelength by wavelength, is what arrives without the landscape's reflections.
+        Matrices by wavelength; their product with the irradiance of all surfaces is the light that arrives without
+        reflections by the landscape.
     """
 
     sphere: Layers
@@ -132,14 +134,14 @@ def _surroundings(panorama: Panorama) -> _Surroundings:
     lit[row, (wall + 1) % WALLS] = np.where(level, 0, weight)
     lit[row, -1] = level
     colours = sphere.reflectance.reshape(-1, 3)[used] / np.pi
-    # What every surface sends to every other one by way of the landscape's linear red, green and blue.
+    # Light from every surface to every other one, via the landscape's linear red, green and blue.
     by_colour = np.stack([(projected[:, used] * colours[:, band]) @ lit for band in range(3)])
     exchange = MOST_RETURNED * np.einsum("bn,bst->nst", primaries(), by_colour)
     return _Surroundings(sphere, projected[:, :above] * (1 - covered[:above]), np.eye(WALLS + 1) - exchange)
 
 
 def walls_around(azimuth_deg: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """For azimuths (m,): the wall before each, and the weight of the one after it, (m,) arrays."""
+    """For azimuths (m,), return the wall before each, and the weight of the wall after it, (m,) arrays."""
     place = np.asarray(azimuth_deg) % 360 / 360 * WALLS
     wall = np.minimum(place.astype(np.intp), WALLS - 1)
     return wall, place - wall
@@ -152,9 +154,9 @@ def _azimuth_altitude(enu: Floats) -> tuple[Floats, Floats]:
 
 
 def transmission(layers: Layers, extinction_per_km: float) -> NDArray[np.float32] | None:
-    """Part of a landscape's light that passes the air between it and the camera, (ny, nx) array; None: all of it.
+    """Fraction of a landscape's light that passes the air between it and the camera, (ny, nx) array; None if all does.
 
-    Pictures whose distances nobody knows have the air of their own photograph.
+    Pictures with unknown distances already contain the air of their photograph.
     """
     if layers.distance_m is None or extinction_per_km == 0:
         return None
@@ -164,14 +166,14 @@ def transmission(layers: Layers, extinction_per_km: float) -> NDArray[np.float32
 def lamp_illuminance(layers: Layers, lamps: tuple[Lamp, ...], plain: tuple[float, float]) -> NDArray[np.float32]:
     """Illuminance of a landscape's surfaces by lamps near them, lx, (ny, nx) array.
 
-    Each lamp shines evenly below the horizontal with its `downward_cd`; nothing casts shadows.
+    Each lamp shines evenly below the horizontal with its `downward_cd`; there are no shadows.
 
     Parameters
     ----------
     layers : Layers
     lamps : tuple of Lamp
     plain : (eye height, distance)
-        Of the ground below the camera and of what stands above the horizon, m, where the layers have no distances.
+        Eye height above the ground and distance of everything above the horizon, m, if the layers have no distances.
     """
     total = np.zeros(layers.alpha.shape, np.float32)
     azimuth = np.radians(layers.azimuth_deg).astype(np.float32)
@@ -188,7 +190,7 @@ def lamp_illuminance(layers: Layers, lamps: tuple[Lamp, ...], plain: tuple[float
             square = to_east**2 + to_north**2 + to_up**2
             facing = np.where(upright, -(to_east * east + to_north * north), to_up)
             lit = np.where(to_up > 0, np.maximum(facing, 0), 0)
-            # A surface cannot be nearer to a lamp than the lamp is large.
+            # A surface cannot be nearer to a lamp than the size of the lamp.
             total[rows] += lamp.downward_cd * lit / np.maximum(square, LEAST_LAMP_DISTANCE_M**2) ** 1.5
     return total
 

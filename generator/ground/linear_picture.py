@@ -1,4 +1,4 @@
-"""OpenEXR pictures of linear light as landscapes: bounded by their header before they are decoded."""
+"""OpenEXR pictures of linear light as landscapes: their header is checked before they are decoded."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Singles = NDArray[np.float32]
 
 MOST_CHANNELS = 4
 DAMAGED = (OSError, RuntimeError, TypeError, KeyError, ValueError, IndexError, OverflowError)
-"""What OpenEXR raises of files that it cannot read."""
+"""Exceptions that OpenEXR raises for files that it cannot read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +26,9 @@ class LinearPicture:
     Attributes
     ----------
     rgba : (height, width, 4) uint8 array
-        Values over `white` as encoded in sRGB, and alpha.
+        Values divided by `white`, encoded in sRGB, and alpha.
     white : float
-        The linear value of its white.
+        Linear value of its white.
     """
 
     rgba: Bytes
@@ -36,28 +36,28 @@ class LinearPicture:
 
 
 def read_linear(location: Path, name: str, most: float | None) -> LinearPicture:
-    """Read an OpenEXR picture with the channels R, G, B (or Y) and, where there is transparency, A.
+    """Read an OpenEXR picture with the channels R, G, B (or Y) and, if there is transparency, A.
 
-    Colours are associated with alpha (multiplied with it), as the format says; opaque without A.
+    Colours are premultiplied by alpha, as the format specifies; without A the picture is opaque.
 
     Parameters
     ----------
     location : Path
     name : str
-        As the scenario calls it.
+        Name of the file in the scenario.
     most : float or None
-        Larger values are taken as this one; None: the largest value that is found becomes white.
+        Larger values are limited to this; None makes the largest value in the picture white.
 
     Raises
     ------
     PictureError
-        Damaged, too large, negative or not finite, or another kind of OpenEXR.
+        The picture is damaged, too large, has negative or non-finite values, or is an unsupported kind of OpenEXR.
     """
     import OpenEXR
 
     try:
         with OpenEXR.File(str(location), separate_channels=True, header_only=True) as file:
-            # All parts are decoded, whatever the first one says.
+            # The library decodes all parts, whatever the first one says.
             if len(file.parts) != 1:
                 raise PictureError(
                     f"'{name}' has {len(file.parts)} parts, expected one picture; save it as a single part"
@@ -89,7 +89,7 @@ def read_linear(location: Path, name: str, most: float | None) -> LinearPicture:
 
 
 def _check(header: dict[str, Any], name: str, library: Any) -> None:
-    """Judge a header."""
+    """Check a header."""
     (left, top), (right, bottom) = (tuple(int(edge) for edge in corner) for corner in header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     if width * height > MOST_TEXELS:
@@ -104,7 +104,7 @@ def _check(header: dict[str, Any], name: str, library: Any) -> None:
     if header["type"] not in (library.scanlineimage, library.tiledimage):
         raise PictureError(f"'{name}' holds deep pixels, expected a flat picture")
     channels = header["channels"]
-    # All of them are decoded.
+    # All channels are decoded.
     names = {channel.name for channel in channels}
     if len(channels) > MOST_CHANNELS or not ({"R", "G", "B"} <= names or "Y" in names):
         raise PictureError(

@@ -1,4 +1,4 @@
-"""Panoramas: what stands in each direction around the camera, on a grid of equal steps in azimuth and altitude."""
+"""Panoramas: the surroundings in each direction around the camera, on a grid of equal steps in azimuth and altitude."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 MOST_TEXELS = 2**25
-"""Of any panorama: 8192 x 4096, 134 MB with its colours."""
+"""Largest number of texels of any panorama: 8192 x 4096, 134 MB with its colours."""
 EYE_HEIGHT_M = 1.6
-"""Of the camera over the ground of a panorama whose distances are known."""
+"""Height of the camera above the ground of a panorama with known distances."""
 NEARLY = 0.98
 POLE_DEG = 89.0
 ROWS_AT_ONCE = 256
-"""Of a large panorama, in double the memory of as many rows in single precision."""
+"""Rows of a large panorama processed at once, in twice the memory of as many rows in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,19 +32,19 @@ class Panorama:
     Attributes
     ----------
     colour : (ny, nx, 3) uint8 array
-        Red, green, blue as encoded in sRGB; the linear value is the diffuse reflectance.
+        Red, green, blue encoded in sRGB; the linear value is the diffuse reflectance.
     alpha : (ny, nx) uint8 array
-        Part of the texel that is covered, over 255.
+        Fraction of the texel that is covered, times 255.
     top_deg, bottom_deg : float
         Altitudes of the upper edge of the first row and of the lower edge of the last; nothing is beyond them.
     glow : (ny, nx, 3) uint8 array or None
-        Light of its own, as encoded in sRGB; the linear value is the share of `glow_cd_m2`.
+        Light that it emits, encoded in sRGB; the linear value is the fraction of `glow_cd_m2`.
     glow_cd_m2 : float
         Luminance of the glow's white.
     distance_m : (ny, nx) float32 array or None
-        From the camera, for the light of lamps; None where nobody knows.
+        Distance from the camera, for the light of lamps; None if unknown.
     lamps : tuple of Lamp
-        That belong to it.
+        Lamps that belong to it.
     white_reflectance : float
         Reflectance of the colours' white.
     """
@@ -61,13 +61,13 @@ class Panorama:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return self.alpha.shape[0], self.alpha.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Part of a grid of directions: rows, and columns, which may pass north."""
+    """Part of a grid of directions: rows, and columns, which may extend across north."""
 
     rows: slice
     columns: NDArray[np.intp]
@@ -78,7 +78,7 @@ class Window:
         return self.rows.start, self.rows.stop, int(self.columns[0]), len(self.columns)
 
     def of(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """That part of values (ny, nx, ...); a view of them unless it passes north."""
+        """Return that part of values (ny, nx, ...); a view of them unless it extends across north."""
         first, count, around = int(self.columns[0]), len(self.columns), values.shape[1]
         rows = values[self.rows]
         if first + count <= around:
@@ -94,12 +94,13 @@ class Layers:
     ----------
     alpha : (ny, nx) float32 array
     reflectance, glow : (ny, nx, 3) float32 arrays
-        Of linear red, green and blue, times alpha; `glow` is None where there is none.
+        Values of linear red, green and blue, times alpha; `glow` is None if there is none.
     distance_m : (ny, nx) float32 array or None
-        The texel's middle's.
+        Distance at the texel's centre.
     top_deg, bottom_deg : float
     first_column, whole_columns : int
-        Of a window: its first column among those around the circle; `whole_columns` is 0 where it has all of them.
+        For a window, its first column among those around the circle, and their number; `whole_columns` is 0 if it has all
+        columns.
     """
 
     alpha: NDArray[np.float32]
@@ -113,7 +114,7 @@ class Layers:
 
     @functools.cached_property
     def level(self) -> NDArray[np.bool_]:
-        """Whether a texel is level ground, (ny, nx) or (ny, 1) array: below the horizon, and as far as ground is there."""
+        """Whether a texel is level ground, (ny, nx) or (ny, 1) array: below the horizon, and as far as there is ground."""
         down = np.sin(np.radians(-self.altitude_deg))[:, None]
         if self.distance_m is None:
             return down > 0
@@ -121,12 +122,12 @@ class Layers:
 
     @property
     def altitude_deg(self) -> Floats:
-        """Of the rows' middles, (ny,) array."""
+        """Altitude of the rows' centres, (ny,) array."""
         return row_altitudes(len(self.alpha), self.top_deg, self.bottom_deg)
 
     @property
     def azimuth_deg(self) -> Floats:
-        """Of the columns' middles, (nx,) array."""
+        """Azimuth of the columns' centres, (nx,) array."""
         count = self.alpha.shape[1]
         whole = self.whole_columns or count
         return ((self.first_column + np.arange(count) + 0.5) * 360 / whole) % 360
@@ -149,12 +150,12 @@ class Layers:
         )
 
     def part(self, place: tuple[int, int, int, int]) -> Window:
-        """The window of such a :attr:`Window.place`."""
+        """Return the window for such a :attr:`Window.place`."""
         first, stop, column, count = place
         return Window(slice(first, stop), (column + np.arange(count)) % self.alpha.shape[1])
 
     def around(self, altitude_deg: float, azimuth_deg: float, radius_deg: float) -> Window:
-        """The window that holds all directions within an angle of a direction."""
+        """Return the window that contains all directions within an angle of a direction."""
         ny, nx = self.alpha.shape
         step = (self.top_deg - self.bottom_deg) / ny
         high, low = altitude_deg + radius_deg, altitude_deg - radius_deg
@@ -171,30 +172,30 @@ class Layers:
 
 
 def row_altitudes(rows: int, top_deg: float = 90.0, bottom_deg: float = -90.0) -> Floats:
-    """Altitudes of the middles of evenly spaced rows, deg, (rows,) array."""
+    """Altitudes of the centres of evenly spaced rows, deg, (rows,) array."""
     return top_deg + (np.arange(rows) + 0.5) / rows * (bottom_deg - top_deg)
 
 
 def column_azimuths(columns: int) -> Floats:
-    """Azimuths of the middles of columns around the circle, deg, (columns,) array."""
+    """Azimuths of the centres of columns around the circle, deg, (columns,) array."""
     return (np.arange(columns) + 0.5) * 360 / columns
 
 
 def fitted_shape(panorama: Panorama, texel_deg: float) -> tuple[int, int]:
-    """Rows and columns of texels as fine as asked for, or as fine as the panorama's own."""
+    """Rows and columns of texels of the requested size, or of the panorama's own if that is larger."""
     ny, nx = panorama.shape
     span = panorama.top_deg - panorama.bottom_deg
     return int(np.clip(np.ceil(span / texel_deg), 1, ny)), int(np.clip(np.ceil(360 / texel_deg), 1, nx))
 
 
 def reduced(panorama: Panorama, texel_deg: float) -> Layers:
-    """The panorama at a coarser resolution, by the mean over the area of each coarse texel.
+    """Reduce the panorama to a coarser resolution, by the mean over the area of each coarse texel.
 
     Parameters
     ----------
     panorama : Panorama
     texel_deg : float
-        Step of the result; the panorama's own, where that is coarser.
+        Step of the result; the panorama's own if that is coarser.
     """
     ny, nx = panorama.shape
     rows, columns = fitted_shape(panorama, texel_deg)
@@ -240,14 +241,14 @@ def _averaged(panorama: Panorama, down: csr_array, columns: int) -> NDArray[np.f
 
 
 def _takes_each(means: csr_array) -> bool:
-    """Whether a matrix of means takes every cell by itself: where the result is as fine as the panorama."""
+    """Whether a matrix of means leaves every cell as it is, because the result is as fine as the panorama."""
     rows, columns = means.shape
     alone = rows == columns == means.nnz and bool((means.data == 1).all())
     return alone and bool((means.indices == np.arange(columns)).all())
 
 
 def averaging(whole: int, edges: Floats) -> csr_array:
-    """Matrix (n, whole), float32: means of `whole` equal cells over n parts between edges, in cells; 0 beyond them."""
+    """Matrix (n, whole), float32, for means of `whole` equal cells over n parts between edges, in cells; 0 beyond them."""
     first, last = edges[:-1, None], edges[1:, None]
     reach = int(np.ceil(float((last - first).max()))) + 1
     cell = np.floor(first).astype(np.intp) + np.arange(reach)
@@ -258,14 +259,14 @@ def averaging(whole: int, edges: Floats) -> csr_array:
 
 
 def linear(encoded: Bytes) -> NDArray[np.float32]:
-    """Linear values, 0-1, of sRGB's 8-bit values (IEC 61966-2-1)."""
+    """Convert 8-bit sRGB values (IEC 61966-2-1) to linear values, 0-1."""
     return _DECODED[encoded]
 
 
 def encoded(value: NDArray[np.floating]) -> Bytes:
-    """8-bit values of sRGB of linear ones from 0 to 1; the inverse of :func:`linear`."""
+    """Convert linear values from 0 to 1 to 8-bit sRGB values; the inverse of :func:`linear`."""
     result = np.zeros(value.shape, np.uint8)
-    # A row at a time stays in the processor's memory; many rows of a panorama are empty.
+    # One row fits into the processor's cache; many rows of a panorama are empty.
     for row, out in zip(value.reshape(len(value), -1), result.reshape(len(value), -1), strict=True):
         if row.any():
             level = np.clip(row, 0, 1)
@@ -283,7 +284,7 @@ _DECODED = _decoding()
 
 
 def cropped(panorama: Panorama) -> Panorama:
-    """The same without the empty rows above its highest and below its lowest texel, for speed."""
+    """Return the panorama without the empty rows above its highest and below its lowest texel, for speed."""
     used = np.flatnonzero(panorama.alpha.any(axis=1))
     if not len(used):
         used = np.array([panorama.shape[0] - 1])
@@ -302,13 +303,13 @@ def cropped(panorama: Panorama) -> Panorama:
 
 
 def opacity(layers: Layers, azimuth_deg: Floats, altitude_deg: Floats) -> Floats:
-    """Alpha in m directions, bilinear between the texels' middles, (m,) array."""
+    """Alpha in m directions, bilinear between the texels' centres, (m,) array."""
     ny, nx = layers.alpha.shape
     row = (layers.top_deg - np.asarray(altitude_deg)) / (layers.top_deg - layers.bottom_deg) * ny - 0.5
     column = np.asarray(azimuth_deg) % 360 / 360 * nx - 0.5
     padded = np.zeros((ny + 2, nx), np.float32)
     padded[1:-1] = layers.alpha
-    # At the zenith and the nadir the grid ends, not the landscape.
+    # At the zenith and the nadir the grid ends, but not the landscape.
     if layers.top_deg >= 90:
         padded[0] = layers.alpha[0]
     if layers.bottom_deg <= -90:

@@ -1,7 +1,8 @@
-"""Pictures from others: bounded in size before they are decoded, and turned into panoramas.
+"""Pictures from other parties: their size is checked before they are decoded, and they are converted to panoramas.
 
-A picture's projection gives the direction of each of its pixels. Equirectangular pictures are panoramas as they are. A
-fisheye's pixels are looked up, bilinearly, at the middles of a panorama's texels, as fine as the picture at its edge.
+A picture's projection gives the direction of each of its pixels. Equirectangular pictures are panoramas already. A
+fisheye's pixels are looked up, bilinearly, at the centres of a panorama's texels, which are as fine as the picture at its
+edge.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Floats = NDArray[np.float64]
 FORMATS = ("PNG", "TIFF", "JPEG", "WEBP")
 ROWS_AT_ONCE = 128
 WHOLE_COLUMN = 0.02
-"""A turn this near to whole columns moves them as they are; others are interpolated between two columns."""
+"""A rotation this close to whole columns moves them unchanged; for others, columns are interpolated."""
 
 
 class PictureError(ValueError):
@@ -30,12 +31,12 @@ class PictureError(ValueError):
 
 
 def read_picture(data: bytes, name: str) -> Bytes:
-    """Decode a picture: (height, width, 4) uint8 array of red, green, blue, alpha; opaque where it has no alpha.
+    """Decode a picture: (height, width, 4) uint8 array of red, green, blue, alpha; opaque if it has no alpha.
 
     Raises
     ------
     PictureError
-        Another format, too many pixels, or damaged.
+        The picture has another format, too many pixels, or is damaged.
     """
     try:
         with warnings.catch_warnings():
@@ -83,14 +84,14 @@ def equirectangular(
 
 @dataclass(frozen=True)
 class Lookup:
-    """Where a panorama's texels are in a picture: columns and rows from its upper left pixel's middle; NaN outside of it."""
+    """Places of a panorama's texels in a picture: columns and rows from its upper left pixel's centre; NaN outside it."""
 
     column: Floats
     row: Floats
 
 
 Place = Callable[[Floats, Floats], Lookup]
-"""Gives the places of directions (altitude, azimuth, deg) in a picture."""
+"""Function that returns the places of directions (altitude, azimuth, deg) in a picture."""
 
 
 def fisheye_lookup(
@@ -102,11 +103,11 @@ def fisheye_lookup(
     ----------
     width, height : int
     fov_deg : float
-        Across the circle that touches the picture's nearer edges.
+        Field of view across the circle that touches the picture's nearer edges.
     up_azimuth_deg : float
-        Azimuth at the middle of the upper edge.
+        Azimuth at the centre of the upper edge.
     mirrored : bool
-        Whether east is on the right where north is up (as on a map); else on the left, as one sees it looking up.
+        Whether east is on the right if north is up (as on a map); otherwise it is on the left, as seen when looking up.
     altitude, azimuth : arrays
         deg.
     """
@@ -137,7 +138,7 @@ def fisheye(
 def resampled(
     rgba: Bytes, glow: Bytes | None, place: Place, shape: tuple[int, int], top_deg: float, bottom_deg: float
 ) -> Panorama:
-    """Panorama of a picture by bilinear look-ups; colours are weighted with alpha, so that hidden ones do not leak in."""
+    """Panorama of a picture by bilinear look-ups; colours are weighted with alpha, so that hidden colours do not leak."""
     colour, alpha = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
     shine = None if glow is None else np.zeros((*shape, 3), np.uint8)
     azimuth = column_azimuths(shape[1])
@@ -155,7 +156,7 @@ def resampled(
 
 
 def bilinear(rgba: Bytes, found: Lookup) -> NDArray[np.float32]:
-    """Colour (weighted with alpha) and alpha at places in a picture, 0 to 255, (..., 4) array; 0 outside of it."""
+    """Colour (weighted with alpha) and alpha at places in a picture, 0 to 255, (..., 4) array; 0 outside it."""
     height, width = rgba.shape[:2]
     inside = np.isfinite(found.column) & np.isfinite(found.row)
     inside &= (found.column > -1) & (found.column < width) & (found.row > -1) & (found.row < height)
@@ -166,7 +167,7 @@ def bilinear(rgba: Bytes, found: Lookup) -> NDArray[np.float32]:
     for down in (0, 1):
         for right in (0, 1):
             weight = np.abs(1 - right - (column - left)) * np.abs(1 - down - (row - top))
-            # Beyond the outermost pixels' middles the picture goes on as they are.
+            # Beyond the centres of the outermost pixels, their values are continued.
             y = np.clip(top + down, 0, height - 1).astype(np.intp)
             x = np.clip(left + right, 0, width - 1).astype(np.intp)
             pixel = rgba[y, x].astype(np.float32)

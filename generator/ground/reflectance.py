@@ -1,8 +1,8 @@
 """Spectral reflectance of a picture's colours: sums of three curves, one each for red, green and blue.
 
 The curves are those of Mallett & Yuksel 2019, "Spectral primary decomposition for rendering with sRGB reflectance" (EGSR
-2019): they add up to 1, lie between 0 and 1, and give every colour of sRGB back under illuminant D65. They end at 380 and
-780 nm and are carried on constant; real plants are brighter beyond 700 nm than that.
+2019): they add up to 1, are between 0 and 1, and reproduce every colour of sRGB under illuminant D65. They end at 380 and
+780 nm and are continued as constants; real plants are brighter than that beyond 700 nm.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What a camera sees of a landscape, apart from the light of the night: maps that many frames share.
+"""View of a landscape, apart from the light of the night: maps that many frames share.
 
-A landscape's light is a sum over its surfaces. Upright ones return the light that falls on their azimuth's wall, level ones
-that of the ground, each in three colours; the air before them shines as the sky at the horizon does
-(:mod:`generator.ground.lighting`). What each texel has of every one of these seven surfaces, SURFACES, does not change from
-frame to frame; how bright they are, the terms, depends on azimuth and channel alone. So a pixel's light is the mean of seven
-maps over its area, times seven terms. Alpha makes eight maps, which processors read at once.
+A landscape's light is a sum over its surfaces. Upright ones return the light that falls on the wall of their azimuth,
+level ones that of the ground, each in three colours; the air in front of them shines as the sky at the horizon does
+(:mod:`generator.ground.lighting`). The fraction of each texel for every one of these seven surfaces, SURFACES, does not
+change between frames. Their brightness, the terms, depends only on azimuth and channel. A pixel's light is therefore the
+mean of seven maps over its area, times seven terms. With alpha there are eight maps, which processors read at once.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ Singles = NDArray[np.float32]
 SURFACES = 7
 """Upright red, green, blue; level red, green, blue; air."""
 REFLECTING = 5
-"""Numbers of a texel that say all of them: alpha, whose sign is that of level ones, red, green, blue, air."""
+"""Numbers of a texel that describe all of them: alpha, whose sign marks level ones, red, green, blue, air."""
 AZIMUTHS = 4 * WALLS
-"""Of the terms, evenly spaced from north: among them are all places between which terms run straight."""
+"""Number of azimuths of the terms, evenly spaced from north: they include all nodes between which terms are linear."""
 CELL_DEG = 1.0
 REACH_STEP_DEG = 0.05
 CELLS = (round(180 / CELL_DEG), round(360 / CELL_DEG))
-"""Rows from the zenith and columns from north of the grid that says where a landscape is at all."""
+"""Rows from the zenith and columns from north of the grid that marks where there is a landscape."""
 
 
 def surface_maps(layers: Layers, extinction_per_km: float) -> Singles:
-    """Alpha and what there is of each of SURFACES, behind air of an extinction, (1 + SURFACES, ny, nx) array."""
+    """Alpha and the fraction of each of SURFACES, behind air of a given extinction, (1 + SURFACES, ny, nx) array."""
     maps = np.zeros((1 + SURFACES, *layers.alpha.shape), np.float32)
     maps[0] = layers.alpha
     passed = transmission(layers, extinction_per_km)
@@ -53,16 +53,16 @@ def surface_maps(layers: Layers, extinction_per_km: float) -> Singles:
 def surface_terms(lit: Floats, light: SkyLight, response: Floats) -> Singles:
     """Light of each of SURFACES through the camera's response, by channel and azimuth, (channels, AZIMUTHS, SURFACES) array.
 
-    The air before things shines as much of the sky at the horizon as it takes of their light (Koschmieder 1924; Middleton
-    1952, "Vision through the atmosphere", chapter 4).
+    The air in front of objects adds the light of the sky at the horizon in the proportion in which it dims their light
+    (Koschmieder 1924; Middleton 1952, "Vision through the atmosphere", chapter 4).
 
     Parameters
     ----------
     lit : (WALLS + 1, n) array
-        Of :func:`generator.ground.lighting.irradiance`.
+        Irradiance from :func:`generator.ground.lighting.irradiance`.
     light : SkyLight
     response : (channels, n) array
-        Of each channel at GRID_NM.
+        Response of each channel at GRID_NM.
     """
     terms = np.zeros((len(response), AZIMUTHS, SURFACES))
     reflected = np.einsum("sn,bn,cn->csb", lit / np.pi, primaries(), response, optimize=True)
@@ -91,7 +91,7 @@ def covered_cells(alpha: Singles, layers: Layers) -> NDArray[np.bool_]:
 
 
 def grown_cells(cells: NDArray[np.bool_], reach_deg: float) -> NDArray[np.bool_]:
-    """Cells of a grid of all directions (rows from the zenith) that may be as near as an angle to one of those given."""
+    """Cells of a grid of all directions (rows from the zenith) that may be within an angle of one of those given."""
     # Frames of a set have nearly the same reach.
     return _grown(cells.tobytes(), cells.shape, math.ceil(reach_deg / REACH_STEP_DEG) * REACH_STEP_DEG)
 
@@ -104,7 +104,7 @@ def _grown(packed: bytes, shape: tuple[int, int], reach_deg: float) -> NDArray[n
     tall = maximum_filter1d(cells, 2 * half + 1, axis=0, mode="constant")
     result = np.zeros_like(cells)
     for row in range(rows):
-        # The farthest from the horizon that is near the row.
+        # The cell farthest from the horizon that is near the row.
         steepest = abs(90 - (row + 0.5) * CELL_DEG) + half * CELL_DEG + reach_deg
         wide = columns if steepest >= 89 else math.ceil(reach_deg / math.cos(math.radians(steepest)) / CELL_DEG) + 1
         if 2 * wide + 1 >= columns:

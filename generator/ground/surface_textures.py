@@ -1,4 +1,4 @@
-"""Maps of a landscape that do not change with the light: made once for a camera, on the device for all frames."""
+"""Maps of a landscape that do not depend on the light: computed once for a camera, kept on the device for all frames."""
 
 from __future__ import annotations
 
@@ -24,30 +24,31 @@ Singles = NDArray[np.float32]
 Place = tuple[int, int, int, int]
 
 TEXELS_PER_PX = 2.0
-"""Of the maps, along each axis, in the middle of the frame: two looks and a texel's own width make a pixel."""
+"""Resolution of the maps, along each axis, at the centre of the frame: two samples and a texel's own width make a pixel."""
 MOST_TEXELS = 2**23
-"""Of a landscape whose maps are kept for frames that look elsewhere, 270 MB; of larger ones only what is in view."""
+"""Largest landscape whose maps are kept for frames with other pointings, 270 MB; of larger ones only the part in view is
+kept."""
 SURROUNDINGS_DEG = 1.0
-"""Step of the whole circle for light that comes from outside the frame."""
+"""Step of the maps of the whole circle, for light from outside the frame."""
 WINDOW_LIGHT = "LED"
 """Spectrum of a landscape's own glow, coloured by its picture."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """What the maps of a landscape depend on.
+    """Quantities on which the maps of a landscape depend.
 
     Attributes
     ----------
     panorama : Panorama
     texel_deg : float
-        Of the maps; the panorama's own, where these are coarser.
+        Step of the maps; the panorama's own if that is coarser.
     extinction_per_km : float
-        Of the air before it.
+        Extinction of the air in front of it.
     lamps : tuple of Lamp
-        That shine on it.
+        Lamps that shine on it.
     plain : (eye height, distance)
-        As :func:`generator.ground.lighting.lamp_illuminance` takes them.
+        As for :func:`generator.ground.lighting.lamp_illuminance`.
     """
 
     panorama: Panorama
@@ -80,7 +81,7 @@ class Response:
     ----------
     channels : int
     values : bytes
-        In double precision.
+        Values in double precision.
     """
 
     channels: int
@@ -88,37 +89,37 @@ class Response:
 
     @classmethod
     def of(cls, response: Floats) -> Response:
-        """Of a (channels, n) array."""
+        """Convert from a (channels, n) array."""
         return cls(len(response), np.ascontiguousarray(response, dtype=np.float64).tobytes())
 
     @property
     def array(self) -> Floats:
-        """(channels, n) array."""
+        """Convert to a (channels, n) array."""
         return np.frombuffer(self.values).reshape(self.channels, -1)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Maps on the device: texels with a margin of one around them, by row and column, the planes of a texel together.
+    """Maps on the device: texels with a margin of one around them, by row and column, with the planes of a texel adjacent.
 
-    A texel is upright or level, never both, so that one set of colours is enough: its planes are alpha, below zero (or -0)
-    of level ones, red, green, blue, air, and its own light by channel.
+    A texel is either upright or level, so one set of colours is enough. Its planes are alpha, negative (or -0) for level
+    ones, red, green, blue, air, and its own light by channel.
 
     Attributes
     ----------
     values : TensorXf
-        One axis.
+        Values with one axis.
     cells : TensorXf
-        One axis: :func:`generator.ground.surface.covered_cells` of alpha.
+        Cells with one axis: :func:`generator.ground.surface.covered_cells` of alpha.
     planes : int
-        Of a texel, a power of two.
+        Number of planes of a texel, a power of two.
     shines : bool
-        Whether it has any light of its own.
+        Whether it emits any light.
     rows, columns : int
-        Without the margin.
+        Numbers of rows and columns without the margin.
     top_deg, bottom_deg : float
     first_column, whole_columns : int
-        As of :class:`generator.ground.panorama.Layers`.
+        As for :class:`generator.ground.panorama.Layers`.
     """
 
     values: Any
@@ -145,7 +146,7 @@ class Surface:
 
 @functools.lru_cache(maxsize=2)
 def surface(ground: Ground, part: Place | None, response: Response) -> Surface:
-    """What reflects light (:func:`generator.ground.surface.surface_maps`) and what shines, of a part or all."""
+    """Maps of reflecting surfaces (:func:`generator.ground.surface.surface_maps`) and of emitted light, for a part or all."""
     layers = ground.layers(part)
     maps = surface_maps(layers, ground.extinction_per_km)
     shines = layers.glow is not None or bool(ground.lamps)
@@ -160,7 +161,7 @@ def surface(ground: Ground, part: Place | None, response: Response) -> Surface:
         passed = transmission(layers, ground.extinction_per_km)
         signal = own_light(layers, ground, response.array)
         inner[REFLECTING : REFLECTING + response.channels] = signal if passed is None else signal * passed
-    # At the zenith and the nadir the grid ends, not the landscape.
+    # At the zenith and the nadir the grid ends, but not the landscape.
     if layers.top_deg >= 90:
         texels[0] = texels[1]
     if layers.bottom_deg <= -90:

@@ -1,1 +1,1 @@
-"""What frames are known by: the revision of the code that makes them, and hashes of their pixels."""
+"""Identity of frames: the revision of the code that renders them, and hashes of their pixels."""

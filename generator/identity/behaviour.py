@@ -1,21 +1,20 @@
-"""What of a set of Python modules bears on the behaviour of one entry: which of them it imports, and a digest of them.
+"""The parts of a set of Python modules that affect the behaviour of one entry: the modules that it imports, and a digest.
 
-The modules are found in the source alone, by following import statements from an entry, those inside functions included.
-Importing the solver in a fresh process and listing ``sys.modules`` would be no help: a package's ``__init__`` imports all
-that the package offers, and an import inside a branch appears only if an input happens to take the branch. Source gives
-the same answer on every machine, and for every commit.
+The modules are found from the source alone, by following import statements from an entry, including those inside
+functions. Importing the solver in a fresh process and listing ``sys.modules`` would not help: a package's ``__init__``
+imports everything that the package offers, and an import inside a branch appears only if an input happens to take the
+branch. The source gives the same answer on every machine, and for every commit.
 
-Two kinds of modules are looked into rather than taken whole:
+Two kinds of modules are not included as a whole but examined:
 
-* A package's ``__init__`` of imports and ``__all__`` alone only passes names on. ``from package import name`` leads to
-  the module that defines the name, and so does ``package.name`` after ``import package``. A ``__getattr__`` that does no
-  more than import a name when it is first asked for passes names on too.
-* A *shared* module, such as a registry of solvers, serves several entries. Of it those statements count that the entry
-  needs, and of a table in it those rows that have the entry's key.
+* A package's ``__init__`` that consists only of imports and ``__all__`` merely passes names on. ``from package import
+  name`` leads to the module that defines the name, and so does ``package.name`` after ``import package``. A
+  ``__getattr__`` that only imports a name on first access also passes names on.
+* A *shared* module, such as a registry of solvers, serves several entries. Only those of its statements count that the
+  entry needs, and only those rows of its tables that have the entry's key.
 
-Any other module counts whole. Its digest is that of its syntax tree without docstrings, so that comments, docstrings,
-the order of its imports and all formatting are free. Code whose module is named by a string alone is
-not found.
+Any other module counts as a whole. Its digest is that of its syntax tree without docstrings, so it does not depend on
+comments, docstrings, the order of imports or formatting. Code whose module is named only by a string is not found.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ _DEFINITIONS = (*_IMPORTS, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, 
 
 @dataclass(frozen=True)
 class Sources:
-    """Source files of packages: text by dotted module name; a package's name stands for its ``__init__``.
+    """Source files of packages: text by dotted module name; a package's name denotes its ``__init__``.
 
     Attributes
     ----------
     modules : mapping of str to str
         Text of each module.
     packages : collection of str
-        Which of the modules are packages.
+        Modules that are packages.
     """
 
     modules: Mapping[str, str]
@@ -50,7 +49,7 @@ class Sources:
 
     @classmethod
     def of_files(cls, files: Mapping[str, str]) -> Sources:
-        """Take files by their paths relative to the folder that holds the packages, ``celnav/fix.py``."""
+        """Create from files by their paths relative to the folder that contains the packages, such as ``celnav/fix.py``."""
         modules, packages = {}, set()
         for path, text in files.items():
             name = path.removesuffix(".py").replace("/", ".")
@@ -61,7 +60,7 @@ class Sources:
         return cls(modules, packages)
 
     def edited(self, texts: Mapping[str, str]) -> Sources:
-        """The same modules but for other texts of some of them."""
+        """Return the same modules, with other texts for some of them."""
         read = {name: module for name, module in self._read.items() if name not in texts}
         return Sources({**self.modules, **texts}, self.packages, read)
 
@@ -73,7 +72,7 @@ class Sources:
         KeyError
             There is no such module.
         SyntaxError, ValueError
-            It is no Python, or holds a relative import.
+            It is not Python, or contains a relative import.
         """
         if name not in self._read:
             self._read[name] = _Module(_parse(self.modules[name], name), name in self.packages)
@@ -82,7 +81,7 @@ class Sources:
 
 @dataclass(frozen=True)
 class _Module:
-    """A module's syntax, and what is found in it once for all entries."""
+    """A module's syntax, and properties that are determined once for all entries."""
 
     tree: ast.Module
     is_package: bool
@@ -93,18 +92,18 @@ class _Module:
 
     @cached_property
     def imports(self) -> tuple[ast.Import | ast.ImportFrom, ...]:
-        """Import statements anywhere in it."""
+        """All import statements in the module."""
         return tuple(node for node in _run(self.tree) if isinstance(node, _IMPORTS))
 
     @cached_property
     def origins(self) -> dict[str, tuple[str, str]]:
-        """Names that its own import statements bind, each with the module it comes from and its name there."""
+        """Names that its own import statements bind, each with its module of origin and its name there."""
         late = [node for statement in self.tree.body for node in _passed_on_late(statement)]
         return _origins([*self.tree.body, *late])
 
     @cached_property
     def passes_on(self) -> bool:
-        """Whether it is a package that only imports and lists its names."""
+        """Whether it is a package that only imports and lists its names, if necessary by a ``__getattr__``."""
         return self.is_package and all(
             isinstance(statement, _IMPORTS)
             or (isinstance(statement, ast.If) and _never_imported(statement.test) and not statement.orelse)
@@ -116,16 +115,16 @@ class _Module:
 
 @dataclass(frozen=True)
 class Entry:
-    """Where the code of a solver begins.
+    """Starting point of a solver's code.
 
     Attributes
     ----------
     names : sequence of (str, str)
-        Module and a name in it; an empty name takes the whole module.
+        Module and a name in it; an empty name means the whole module.
     shared : collection of str
-        Modules that serve several entries, and of which only what is needed counts.
+        Modules that serve several entries, of which only the needed parts count.
     key : str or None
-        Of the entry in tables of shared modules: of a dictionary in which it is a key, only its row counts.
+        Key of the entry in tables of shared modules: in a dictionary that has this key, only its row counts.
     """
 
     names: Sequence[tuple[str, str]]
@@ -135,19 +134,18 @@ class Entry:
 
 @dataclass
 class Behaviour:
-    """All that an entry reaches: whole modules, and statements of shared ones.
+    """Everything that an entry reaches: whole modules, and statements of shared ones.
 
     Attributes
     ----------
     sources : Sources
     entry : Entry
     whole : set of str
-        Modules that count whole.
+        Modules that count as a whole.
     parts : dict of str to dict of int to ast.stmt
-        Statements that count of shared modules, by their place in the module.
+        Statements of shared modules that count, by their position in the module.
     imported : set of (str, str, str, str)
-        Names that these statements take from elsewhere: module, name in it, the module they come from and their name
-        there.
+        Names that these statements import: module, name in it, module of origin and name there.
     """
 
     sources: Sources
@@ -158,12 +156,12 @@ class Behaviour:
 
     @property
     def modules(self) -> tuple[str, ...]:
-        """Names of all modules that are reached, sorted; packages that only pass names on are not among them."""
+        """Names of all modules that are reached, sorted, without packages that only pass names on."""
         return tuple(sorted(self.whole | set(self.parts)))
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the syntax of all that is reached, in hexadecimal digits."""
+        """SHA-256 of the syntax of everything that is reached, in hexadecimal digits."""
         content: list[object] = [sorted(self.imported)]
         for name in self.modules:
             taken = self.parts.get(name, {})
@@ -172,7 +170,7 @@ class Behaviour:
         return _sha256(content)
 
     def reach(self, module: str, name: str) -> None:
-        """Follow a name of a module, and all that it needs; names of third parties end there."""
+        """Follow a name of a module, and everything that it needs; names from third-party packages are not followed."""
         if f"{module}.{name}" in self.sources.modules:
             self._module(f"{module}.{name}")
         elif module in self.sources.modules:
@@ -197,7 +195,7 @@ class Behaviour:
                 self._follow(node, found.tree)
 
     def _part(self, module: str, name: str) -> None:
-        """Take of a shared module the statements that define a name, and those that define nothing but are run."""
+        """Include the statements of a shared module that define a name, and those that define nothing but are executed."""
         body = self.sources.module(module).tree.body
         if module not in self.parts:
             self.parts[module] = {}
@@ -248,7 +246,7 @@ def behaviour_of(sources: Sources, entry: Entry) -> Behaviour:
     KeyError
         A module of the entry is not among the sources.
     SyntaxError
-        A file that is reached is no Python.
+        A file that is reached is not Python.
     """
     found = Behaviour(sources, entry)
     for module, name in entry.names:
@@ -258,12 +256,12 @@ def behaviour_of(sources: Sources, entry: Entry) -> Behaviour:
 
 
 def syntax_digest(text: str) -> str:
-    """SHA-256 of a Python text's syntax; comments, docstrings, formatting and the order of imports do not bear on it.
+    """SHA-256 of a Python text's syntax; comments, docstrings, formatting and the order of imports do not affect it.
 
     Raises
     ------
     SyntaxError
-        It is no Python.
+        The text is not Python.
     """
     return _sha256(_canonical_body(_parse(text, "").body))
 
@@ -281,7 +279,7 @@ def _parse(text: str, name: str) -> ast.Module:
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:
-    """Take out every string that stands as a statement: docstrings of modules, classes, functions and attributes."""
+    """Remove every string that is a statement of its own: docstrings of modules, classes, functions and attributes."""
     for node in ast.walk(tree):
         for name in ("body", "orelse", "finalbody"):
             block = getattr(node, name, None)
@@ -309,7 +307,7 @@ def _canonical_body(body: Sequence[ast.stmt]) -> list[object]:
 
 
 def _canonical(node: object) -> object:
-    """Syntax as lists of names and values, the same for every version of Python: fields that are empty are left out."""
+    """Syntax as lists of names and values, the same for every version of Python because empty fields are left out."""
     if isinstance(node, ast.Constant):
         return [type(node.value).__name__, repr(node.value)]
     if isinstance(node, ast.AST):
@@ -324,7 +322,7 @@ def _canonical(node: object) -> object:
 
 
 def _run(node: ast.AST) -> Iterator[ast.AST]:
-    """A node and all below it that runs when its module is imported or used, which ``if TYPE_CHECKING:`` does not."""
+    """Yield a node and everything below it that runs when its module is imported or used, so not ``if TYPE_CHECKING:``."""
     yield node
     for child in ast.iter_child_nodes(node):
         if not (isinstance(node, ast.If) and _never_imported(node.test) and child in node.body):
@@ -350,7 +348,7 @@ def _origins(body: Sequence[ast.stmt]) -> dict[str, tuple[str, str]]:
 
 
 def _passed_on_late(statement: ast.stmt) -> list[ast.stmt]:
-    """Imports of a module's ``__getattr__`` (PEP 562) that does nothing else; none of any other statement."""
+    """Imports of a module's ``__getattr__`` (PEP 562) that does nothing else; empty for any other statement."""
     if not isinstance(statement, ast.FunctionDef) or statement.name != "__getattr__":
         return []
     body = statement.body[1:] if ast.get_docstring(statement) is not None else statement.body
@@ -374,7 +372,7 @@ def _narrowed(node: ast.Import | ast.ImportFrom, used: Collection[str]) -> ast.I
 
 
 def _attributes(within: ast.AST, bound: str) -> set[str]:
-    """Names of a module that are used as its attributes; the empty name where the module itself is used."""
+    """Names of a module that are used as its attributes; the empty name if the module itself is used."""
     used, owners = set(), set()
     for node in ast.walk(within):
         if isinstance(node, ast.Attribute) and _dotted(node.value) == bound:
@@ -392,7 +390,7 @@ def _dotted(node: ast.expr) -> str | None:
 
 
 def _row_of(statement: ast.stmt, key: str) -> ast.stmt:
-    """Reduce dictionaries of a statement that have the key to its row."""
+    """Reduce dictionaries in a statement that have the key to the row of that key."""
     reduced = copy.deepcopy(statement)
     for node in ast.walk(reduced):
         if isinstance(node, ast.Dict):

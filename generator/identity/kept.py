@@ -1,13 +1,14 @@
-"""Arrays that take a second to compute, kept between processes in the user's cache folder.
+"""Arrays that take a second to compute, cached between processes in the user's cache folder.
 
-A worker computes the same tables at its start as every other: transfer from a city to the sky, point spread functions of a
-lens, the map of the Milky Way. They are kept under a hash of all that they depend on: what they are made from, the
-generator's revision (so that no other code's tables are ever read), the versions of NumPy and SciPy, and the processor's
-instructions, which decide the order of sums. A kept table is therefore the computed one, to the bit, and deleting the folder
-costs time alone.
+Every worker computes the same tables at its start: transfer from a city to the sky, point spread functions of a lens, the
+map of the Milky Way. They are stored under a hash of everything on which they depend: their inputs, the generator's
+revision (so that tables of other code are never read), the versions of NumPy and SciPy, and the processor's instructions,
+which determine the order of sums. A cached table is therefore identical to the computed one, to the bit, and deleting the
+folder only costs time.
 
-The files are NumPy's (.npz, no pickle), of which each array has a checksum. A damaged file is computed anew, and so is
-everything where the folder cannot be written. The longest unused go when there are more than MOST_BYTES.
+The files are NumPy's (.npz, no pickle), with a checksum for each array. The contents of a damaged file are computed
+again, and so is everything if the folder cannot be written. The least recently used files are deleted if there are more
+than MOST_BYTES.
 """
 
 from __future__ import annotations
@@ -37,43 +38,44 @@ Arrays = dict[str, NDArray[np.generic]]
 
 FOLDER = "tables"
 MOST_BYTES = 400_000_000
-"""Of all files together."""
+"""Limit of the size of all files together."""
 MOST_BYTES_EACH = 100_000_000
 MOST_WRITTEN = 8
-"""By a process of each name: where every frame has a lens of its own, keeping them all would help nobody."""
+"""Limit of the files that one process writes for each name: if every frame has a lens of its own, caching all of them is
+useless."""
 
 _written: Counter[str] = Counter()
 
 
 def kept(name: str, inputs: tuple[object, ...], make: Callable[[], Mapping[str, NDArray[np.generic]]]) -> Arrays:
-    """Arrays by name: those that an earlier process has kept, or `make`'s.
+    """Return arrays by name: cached ones of an earlier process, or those of `make`.
 
     Parameters
     ----------
     name : str
-        Of what is computed; letters, digits and hyphens.
+        Name of the computed arrays; letters, digits and hyphens.
     inputs : tuple
-        All that `make` depends on: numbers, texts, None, and tuples, data classes and models of these.
+        Everything on which `make` depends: numbers, strings, None, and tuples, data classes and models of these.
     make : callable
-        Computes the arrays, none of them of objects.
+        Computes the arrays, which must not contain objects.
 
     Raises
     ------
     TypeError
-        An input is of another kind, whose text might not tell it from others.
+        An input is of another kind, whose text might not be unique.
     """
     path = platformdirs.user_cache_path("skybench") / FOLDER / f"{name}-{_key(inputs)}.npz"
     known = _read(path)
     if known is not None:
         return known
-    # What is computed has the same order in memory as what is read: sums over it come out the same.
+    # Computed arrays have the same order in memory as arrays that were read, so that sums over them are the same.
     made = {key: np.ascontiguousarray(array) for key, array in make().items()}
     _keep(name, path, made)
     return made
 
 
 def described(value: object) -> str:
-    """A text that tells a value from every other of its kind. Raises TypeError as :func:`kept`."""
+    """A text that distinguishes a value from every other of its kind. Raises TypeError as :func:`kept`."""
     if value is None or isinstance(value, bool | int | str):
         return repr(value)
     if isinstance(value, float):
@@ -95,7 +97,7 @@ def _key(inputs: tuple[object, ...]) -> str:
 
 @functools.cache
 def _surroundings() -> str:
-    """What else numbers depend on: code, libraries, and the instructions that these choose on this processor."""
+    """Further dependencies of the numbers: code, libraries, and the instructions that these choose on this processor."""
     kernels = sorted({library["architecture"] for library in threadpool_info() if "architecture" in library})
     found = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
     return ":".join([generator_revision(), np.__version__, scipy.__version__, platform.machine(), *kernels, *found])
@@ -114,7 +116,7 @@ def _read(path: Path) -> Arrays | None:
 
 
 def _keep(name: str, path: Path, arrays: Arrays) -> None:
-    """Write arrays, and remove what was unused for longest; nothing happens where that cannot be done."""
+    """Write arrays, and remove the least recently used files; failures are ignored."""
     if _written[name] >= MOST_WRITTEN or sum(array.nbytes for array in arrays.values()) > MOST_BYTES_EACH:
         return
     _written[name] += 1
@@ -129,4 +131,4 @@ def _keep(name: str, path: Path, arrays: Arrays) -> None:
             if total > MOST_BYTES:
                 each.unlink(missing_ok=True)
     except OSError:
-        return  # a folder that cannot be written only costs the time
+        return  # an unwritable folder only costs the time

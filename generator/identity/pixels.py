@@ -1,4 +1,4 @@
-"""The hash of an image: of its pixels, whatever file holds them."""
+"""The hash of an image's pixels, independent of the file that contains them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 def pixels_sha256(image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
     """SHA-256 of an image's values with their type and shape.
 
-    The same for every file that holds these pixels: compression, chunks and metadata do not count.
+    It is the same for every file with these pixels: compression, chunks and metadata do not count.
 
     Parameters
     ----------

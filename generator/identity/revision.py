@@ -1,10 +1,10 @@
-"""The revision of the generator's behaviour: what a scenario's frames depend on beside the scenario.
+"""The revision of the generator's behaviour, on which a scenario's frames depend in addition to the scenario.
 
 It covers the syntax trees of all modules that rendering imports (`generator.identity.behaviour`) and the data files that
-come with them. Comments, docstrings and formatting do not count. Versions of Mitsuba, Dr.Jit and NumPy do not either: every
-frame record states them, and results hold the hashes of the frames themselves.
+come with them. Comments, docstrings and formatting do not count. Versions of Mitsuba, Dr.Jit and NumPy do not either,
+because every frame record states them, and results contain the hashes of the frames themselves.
 
-Syntax takes about a second to read. The answer is therefore kept in the user's cache folder under a hash of the files' bytes,
+Parsing takes about a second. The result is therefore cached in the user's cache folder under a hash of the files' bytes,
 which takes some hundredths of a second; nothing is imported for it.
 """
 
@@ -22,17 +22,17 @@ from generator.files import write_bytes
 from generator.identity.behaviour import Entry, Sources, behaviour_of
 
 ENTRY = "generator.frame.render"
-"""Where the making of a frame begins."""
+"""Starting point of the code that renders a frame."""
 REVISION_DIGITS = 16
 GENERATOR_REVISION = "generator_revision"
-"""Its key in the provenance of a frame record."""
+"""Key of the revision in the provenance of a frame record."""
 _PACKAGE = Path(__file__).parents[1]
 _REVISION = re.compile(r"[0-9a-f]{16}")
 
 
 @functools.cache
 def generator_revision() -> str:
-    """Revision of the generator as it is installed, worked out once for each process."""
+    """Revision of the installed generator, determined once per process."""
     texts = {path.relative_to(_PACKAGE.parent).as_posix(): path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
     data = {path.relative_to(_PACKAGE.parent).as_posix(): path for path in sorted((_PACKAGE / "data").rglob("*"))}
     data_digest = files_digest({name: path.read_bytes() for name, path in data.items() if path.is_file()})
@@ -47,12 +47,12 @@ def generator_revision() -> str:
     try:
         write_bytes(kept, revision.encode("ascii"))
     except OSError:
-        return revision  # a folder that cannot be written only costs the time
+        return revision  # an unwritable folder only costs the time
     return revision
 
 
 def sources_of(files: Mapping[str, bytes]) -> Sources:
-    """Modules among Python files by their paths, ``generator/frame/render.py``; other programs are left out."""
+    """Modules among Python files by their paths, such as ``generator/frame/render.py``; other programs are left out."""
     parts = {name: name.removesuffix(".py").split("/") for name in files}
     modules = {name: text.decode("utf-8") for name, text in files.items() if all(map(str.isidentifier, parts[name]))}
     return Sources.of_files(modules)

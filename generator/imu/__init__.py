@@ -1,1 +1,1 @@
-"""The inertial unit of a sequence: true angular rate and specific force, errors by Allan parameters, and their table."""
+"""The inertial unit of a sequence: true angular rate and specific force, errors from Allan parameters, and their table."""

@@ -1,7 +1,7 @@
 """The table of a sequence's inertial unit: its readings, the truth behind them, and their errors.
 
-An inertial unit of the strapdown kind integrates: each reading is the mean of the angular rate, or of the specific force,
-along the camera's turning axes over the interval since the last one.
+A strapdown inertial unit integrates: each reading is the mean of the angular rate, or of the specific force, along the
+camera's rotating axes over the interval since the previous one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 STANDARD_GRAVITY_M_S2 = 9.80665
 SECONDS_PER_HOUR = 3600.0
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
-"""Exact for rates that change with the fifth power of time within an interval."""
+"""Quadrature that is exact for rates up to the fifth power of time within an interval."""
 READINGS_AT_ONCE = 20_000
 
 
@@ -71,10 +71,10 @@ IMU_SCHEMA = pa.schema(
 
 
 def imu_table(scenario: Scenario, sequence: int) -> pa.Table:
-    """Readings and truth of a sequence's inertial unit (schema: IMU_SCHEMA); no rows where it has none.
+    """Readings and truth of a sequence's inertial unit (schema: IMU_SCHEMA); no rows if it has none.
 
-    The table depends on the scenario and the sequence alone. Rows run from the end of the first interval after the start of
-    the first exposure to the end of the last exposure.
+    The table depends only on the scenario and the sequence. Rows run from the end of the first interval after the start
+    of the first exposure to the end of the last exposure.
     """
     spec = scenario.sequence(sequence)
     if spec.imu is None:
@@ -120,7 +120,7 @@ def mean_readings(trajectory: Trajectory, ends_s: Floats, interval_s: float) -> 
 
 
 def gyro_errors(spec: GyroSpec) -> ErrorModel:
-    """A gyroscope's errors in rad and s."""
+    """A gyroscope's errors, converted to rad and s."""
     per_s, root_h = np.radians(1 / SECONDS_PER_HOUR), np.sqrt(SECONDS_PER_HOUR)
     return ErrorModel(
         bias=np.array(spec.bias_deg_h) * per_s,
@@ -132,7 +132,7 @@ def gyro_errors(spec: GyroSpec) -> ErrorModel:
 
 
 def force_errors(spec: AccelerometerSpec) -> ErrorModel:
-    """An accelerometer's errors in m and s."""
+    """An accelerometer's errors, converted to m and s."""
     ug, root_h = STANDARD_GRAVITY_M_S2 * 1e-6, np.sqrt(SECONDS_PER_HOUR)
     return ErrorModel(
         bias=np.array(spec.bias_ug) * ug,
@@ -155,7 +155,7 @@ def _utc(start: Instant, after_s: Floats) -> list[str]:
 
 
 def write_imu_table(path: Path, scenario: Scenario, sequences: range) -> None:
-    """Write the tables of sequences as one Parquet file, a row group to each."""
+    """Write the tables of sequences as one Parquet file, with one row group per sequence."""
     floats = [field.name for field in IMU_SCHEMA if pa.types.is_floating(field.type)]
     with (
         atomic_path(path) as temporary,

@@ -11,9 +11,9 @@ MAG_PER_OPTICAL_DEPTH = 2.5 / np.log(10)
 STANDARD_PRESSURE_HPA = 1013.25
 GEOPOTENTIAL_RADIUS_M = 6356766.0
 SEA_LEVEL_HPA, SEA_LEVEL_C = 1010.0, 10.0
-"""Air at sea level where none is given, that of the tables of refraction."""
+"""Default air at sea level, that of the tables of refraction."""
 PRESSURE_TOLERANCE = 0.06
-"""Weather moves the pressure at a place by up to 5 %; more than that means another height."""
+"""Largest relative deviation: weather changes the pressure at a place by up to 5 %; more than that means another height."""
 
 Floats = NDArray[np.float64]
 
@@ -30,16 +30,16 @@ _OZONE_PER_ATM_CM = [
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """What a vertical ray crosses.
+    """The air that a vertical ray crosses.
 
     Attributes
     ----------
     pressure_hpa : float
-        At the observer; scales Rayleigh scattering.
+        Pressure at the observer, which scales Rayleigh scattering.
     aerosol_tau_550 : float
         Vertical optical depth of aerosol at 550 nm.
     angstrom_exponent : float
-        Aerosol optical depth goes as wavelength to minus this.
+        Aerosol optical depth is proportional to wavelength to the power of minus this.
     ozone_du : float
         Column of ozone, Dobson units (300 DU = 0.3 atm cm).
     water_cm : float
@@ -67,12 +67,12 @@ def standard_pressure_hpa(height_m: ArrayLike) -> Floats:
 
 
 def usual_pressure_hpa(height_m: ArrayLike) -> Floats:
-    """Pressure, hPa, where none is given: SEA_LEVEL_HPA at sea level, falling with height as in the standard atmosphere."""
+    """Default pressure, hPa: SEA_LEVEL_HPA at sea level, falling with height as in the standard atmosphere."""
     return SEA_LEVEL_HPA / STANDARD_PRESSURE_HPA * standard_pressure_hpa(height_m)
 
 
 def usual_temperature_c(height_m: ArrayLike) -> Floats:
-    """Temperature, deg C, where none is given: SEA_LEVEL_C less the standard atmosphere's 6.5 K/km, up to 11 km."""
+    """Default temperature, deg C: SEA_LEVEL_C minus the standard atmosphere's 6.5 K/km, up to 11 km."""
     return SEA_LEVEL_C - 0.0065 * np.minimum(np.asarray(height_m, float), 11000.0)
 
 
@@ -109,8 +109,8 @@ def optical_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere) -> Floats:
     Returns
     -------
     (n,) array
-        Optical depth; times 1.0857 it is magnitudes per airmass. The bands of water vapour and oxygen, whose
-        depth is not in proportion to the path, are in :mod:`generator.light.molecular_bands`.
+        Optical depth; multiplied by 1.0857 it is in magnitudes per airmass. The bands of water vapour and oxygen, whose
+        depth is not proportional to the path, are in :mod:`generator.light.molecular_bands`.
     """
     return (
         rayleigh_optical_depth(wavelength_nm, atmosphere.pressure_hpa)

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 Numbers = tuple[float, ...]
 
 DEFAULT_ALBEDO = 0.15
-"""Of vegetation and built land, grey."""
+"""Grey albedo of vegetation and built land."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class BakedAir:
     rayleigh_height_km, aerosol_height_km : float
         Scale heights. Source of the aerosol's: Masana et al. 2021, MNRAS 501, 5443 (1.54 km).
     angstrom_exponent, aerosol_albedo : float
-        Of continental aerosol; single-scattering albedo (d'Almeida et al. 1991, "Atmospheric Aerosols"). The phase function
-        is :func:`generator.light.single_scattering.aerosol_phase`.
+        Values for continental aerosol; the albedo is that of single scattering (d'Almeida et al. 1991, "Atmospheric
+        Aerosols"). The phase function is :func:`generator.light.single_scattering.aerosol_phase`.
     ground_albedo : float
-        Of vegetation and built land.
+        Albedo of vegetation and built land.
     top_km : float
-        Where quadratures end.
+        Height at which quadratures end.
     """
 
     pressure_hpa: float = 1013.25
@@ -53,13 +53,14 @@ VIEW_ALTITUDES_DEG: Numbers = (2.0, 3.5, 5.5, 8.0, 11.0, 15.0, 20.0, 27.0, 36.0,
 
 @dataclass(frozen=True)
 class MoonGrid:
-    """Axes of the moonlight map, and how it is computed.
+    """Axes of the moonlight map, and parameters of its computation.
 
     Attributes
     ----------
     aerosol_tau_550, wavelength_nm, moon_altitude_deg, view_altitude_deg, relative_azimuth_deg : tuple of float
     paths, batches : int
-        Paths of a batch, and batches, per aerosol depth, wavelength and view altitude; each serves all places of the Moon.
+        Paths per batch, and batches, for each aerosol depth, wavelength and view altitude; each path serves all places of
+        the Moon.
     seed : int
     """
 
@@ -75,17 +76,18 @@ class MoonGrid:
 
 @dataclass(frozen=True)
 class CityGrid:
-    """Axes of the kernel of a lamp on the ground, and how it is computed.
+    """Axes of the kernel of a lamp on the ground, and parameters of its computation.
 
     Attributes
     ----------
     aerosol_tau_550, wavelength_nm, view_altitude_deg : tuple of float
     core_km, farthest_km : float
     distances, azimuths : int
-        Rings around the observer, equal in log(1 + distance / core) out to the farthest, and their parts, equal in the square
-        root of the azimuth from the lamp's.
+        Number of rings around the observer, equally spaced in log(1 + distance / core) up to the farthest, and of their
+        parts, equally spaced in the square root of the azimuth relative to the lamp's.
     paths, batches : int
-        Paths of a batch, and batches, per aerosol depth, wavelength and view altitude; each serves all places of the lamp.
+        Paths per batch, and batches, for each aerosol depth, wavelength and view altitude; each path serves all places of
+        the lamp.
     seed : int
     built_up : tuple of float
         Direct and reflected share and frontal area index of :func:`generator.light.emission.built_up`.
@@ -104,7 +106,7 @@ class CityGrid:
     built_up: Numbers = (DIRECT_SHARE, REFLECTED_SHARE, FRONTAL_AREA_INDEX)
 
     def scale(self, distance_km: ArrayLike) -> Floats:
-        """The scale on which rings are equal."""
+        """Scale on which rings are equally spaced."""
         return np.log1p(np.asarray(distance_km, float) / self.core_km)
 
     @property
@@ -116,13 +118,13 @@ class CityGrid:
 
 @dataclass(frozen=True)
 class GroundGrid:
-    """How the light that the ground reflects is computed apart; rings and their edges are those of CityGrid.
+    """Parameters of the separate computation of light that the ground reflects; rings and their edges are those of CityGrid.
 
     Attributes
     ----------
     aerosol_tau_550, wavelength_nm, view_altitude_deg : tuple of float
     paths, batches : int
-        Paths of a batch, and batches, per aerosol depth, wavelength and view altitude.
+        Paths per batch, and batches, for each aerosol depth, wavelength and view altitude.
     seed : int
     city : CityGrid
     """
@@ -138,26 +140,27 @@ class GroundGrid:
 
 @dataclass(frozen=True)
 class TwilightGrid:
-    """Axes of the map of twilight scattered more than once, and how it is computed.
+    """Axes of the map of multiply scattered twilight, and parameters of its computation.
 
-    Monochromatic light depends on the air through its optical depths alone, so these are the axes instead of wavelength.
+    Monochromatic light depends on the air only through its optical depths, so these are the axes instead of wavelength.
 
     Attributes
     ----------
     observer_km : tuple of float
-        Heights above sea level, steps of the profiles' heights.
+        Heights above sea level, which coincide with heights of the profiles.
     aerosol_tau : tuple of float
-        Above the observer.
+        Depths of the aerosol above the observer.
     rayleigh_tau : tuple of float
-        From sea level; from 1,100 to 345 nm.
+        Depths above sea level, corresponding to wavelengths from 1,100 to 345 nm.
     view_altitude_deg, depression_deg, relative_azimuth_deg : tuple of float
     ozone_tau : tuple of float
     stratosphere_tau_550, stratosphere_exponent : float
-        Of the stratosphere's aerosol in all of the map: optical depth, and Angstrom's exponent. In the quiet years 1998 to
-        2004 the depth was 0.003 to 0.005 (Sato et al. 1993 as continued; Vernier et al. 2011); the exponent is of the order
-        of SAGE II's ratio of 525 to 1020 nm, 3 to 4.
+        Optical depth and Angstrom's exponent of the stratosphere's aerosol throughout the map. In the quiet years 1998 to
+        2004 the depth was 0.003 to 0.005 (Sato et al. 1993 as continued; Vernier et al. 2011); the exponent is of the
+        order of SAGE II's ratio of 525 to 1020 nm, 3 to 4.
     paths, batches : int
-        Paths of a batch, and batches, per height, aerosol, Rayleigh depth and view; each serves all places of the Sun.
+        Paths per batch, and batches, for each height, aerosol, Rayleigh depth and view; each path serves all places of
+        the Sun.
     seed : int
     """
 
@@ -179,7 +182,7 @@ class TwilightGrid:
         return self.stratosphere_tau_550 * (np.asarray(wavelength_nm) / 550.0) ** -self.stratosphere_exponent
 
     def stratosphere_at(self, rayleigh_tau: float) -> float:
-        """The same at the wavelength at which air from sea level has a Rayleigh depth."""
+        """Optical depth of the stratosphere's aerosol at the wavelength of a given Rayleigh depth of air from sea level."""
         nm = np.linspace(300.0, 1200.0, 9001)
         found = np.interp(-rayleigh_tau, -rayleigh_optical_depth(nm, STANDARD_PRESSURE_HPA), nm)
         return float(self.stratosphere_tau(np.array(found)))
@@ -189,6 +192,6 @@ Grid = MoonGrid | CityGrid | GroundGrid | TwilightGrid
 
 
 def content_hash(air: BakedAir, grid: Grid) -> str:
-    """SHA-256 of everything that decides a map's values."""
+    """SHA-256 of everything that determines a map's values."""
     meaning = {"format": 2, "air": dataclasses.asdict(air), type(grid).__name__: dataclasses.asdict(grid)}
     return hashlib.sha256(json.dumps(meaning, sort_keys=True).encode()).hexdigest()

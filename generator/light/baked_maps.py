@@ -1,4 +1,4 @@
-"""The maps of ``skybench bake``, read, checked and interpolated."""
+"""Read, check and interpolate the maps of ``skybench bake``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SEARCHED_NM: Floats = np.geomspace(1000.0, 340.0, 500)
 
 
 def read(path: Path, key: str, part: str = "values") -> Floats:
-    """Read an array of a map ('values', 'relative_error', 'walked'), and refuse a map made from other inputs.
+    """Read an array of a map ('values', 'relative_error', 'walked'), and refuse a map computed from other inputs.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def read(path: Path, key: str, part: str = "values") -> Floats:
 
 
 def moon_map(part: str = "values") -> Floats:
-    """All moonlight over light scattered once in closed form; axes aerosol, wavelength, view, Moon, azimuth of MoonGrid.
+    """All moonlight divided by closed-form single scattering; axes aerosol, wavelength, view, Moon, azimuth of MoonGrid.
 
     The part 'relative_error' is the Monte Carlo standard error of the light; 'walked' is the result of the random walks.
     """
@@ -58,21 +58,21 @@ def city_map(part: str = "values") -> Floats:
 
 
 def ground_map(part: str = "values") -> Floats:
-    """Light that the ground reflects once, of a ground that loses nothing.
+    """Light that the ground reflects once, for a ground that absorbs nothing.
 
-    The part 'values' is that of a lamp at the edges of CityGrid's rings, mean over azimuth, km^-2 sr^-1 per unit output; axes
-    pattern, aerosol, wavelength, view, ring. 'glow' is the radiance under an endless ground that sends up light of 1, sr^-1;
-    axes aerosol, wavelength, view. 'walked' and 'walked_error' are the results of the random walks.
+    The part 'values' is the light of a lamp at the edges of CityGrid's rings, mean over azimuth, km^-2 sr^-1 per unit
+    output; axes pattern, aerosol, wavelength, view, ring. 'glow' is the radiance above an infinite ground that emits
+    light of 1, sr^-1; axes aerosol, wavelength, view. 'walked' and 'walked_error' are the results of the random walks.
     """
     return read(GROUND_FILE, content_hash(BakedAir(), GroundGrid()), part)
 
 
 @functools.cache
 def _log_moon() -> tuple[RegularGridInterpolator, CubicSpline]:
-    """Logarithm of moonlight scattered more than once over the measure of :func:`moon_multiple`.
+    """Interpolator of the logarithm of multiply scattered moonlight divided by the measure of :func:`moon_multiple`.
 
-    By the logarithms of aerosol depth and wavelength, and as a cubic in that of the Moon's altitude: a function of these two
-    with the values at the Moon's altitudes, and the cubic's weights.
+    It is interpolated in the logarithms of aerosol depth and wavelength, and as a cubic in the Moon's altitude: returns a
+    function of the first two with the values at the Moon's altitudes, and the cubic's weights.
     """
     grid, air = MoonGrid(), BakedAir()
     wavelength = np.array(grid.wavelength_nm)
@@ -92,9 +92,9 @@ def _log_city() -> CubicSpline:
 
 
 def baked_equivalent(wavelength_nm: Floats, atmosphere: Atmosphere) -> tuple[Floats, Floats]:
-    """Wavelength and aerosol depth at 550 nm at which the bake's air scatters as another air does at `wavelength_nm`.
+    """Wavelength and aerosol depth at 550 nm at which the bake's air scatters as another air at `wavelength_nm`.
 
-    At one wavelength, only optical depths matter, so that thinner air is equivalent to a longer wavelength.
+    At one wavelength, only optical depths matter, so thinner air is equivalent to a longer wavelength.
 
     Returns
     -------
@@ -111,12 +111,12 @@ def baked_equivalent(wavelength_nm: Floats, atmosphere: Atmosphere) -> tuple[Flo
 def moon_multiple(
     atmosphere: Atmosphere, moon_altitude_deg: float, altitude_deg: Floats, azimuth_deg: Floats
 ) -> Floats:
-    """Moonlight scattered more than once, (w, m, k) array for wavelengths x view altitudes x azimuths from the Moon.
+    """Multiply scattered moonlight, (w, m, k) array for wavelengths x view altitudes x azimuths from the Moon.
 
-    In light scattered once at right angles in closed form (:func:`generator.light.single_scattering.moon_single`). Without
-    the light scattered once, whose aureole is narrower than the grid, it is smooth: its logarithm is a cubic between the
-    grid's altitudes and azimuths. Outside the grid the nearest value holds (aerosol depths beyond 0.03 to 0.3, Moon below
-    3 deg, lines of sight below 2 deg).
+    Its unit is closed-form single scattering at right angles (:func:`generator.light.single_scattering.moon_single`).
+    Without single scattering, whose aureole is narrower than the grid, it is smooth: its logarithm is a cubic between the
+    grid's altitudes and azimuths. Outside the grid the nearest value is used (aerosol depths beyond 0.03 to 0.3, Moon
+    below 3 deg, lines of sight below 2 deg).
     """
     grid = MoonGrid()
     wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
@@ -135,8 +135,8 @@ def moon_multiple(
 def city_kernel(atmosphere: Atmosphere) -> Floats:
     """Logarithm of the lamp's kernel (see :func:`city_map`) in an air, (pattern, wavelength, view, ring, part) array.
 
-    A cubic in the logarithm of wavelength, a parabola in that of aerosol depth; aerosol depths beyond 0.03 to 0.3 take the
-    nearest value.
+    It is a cubic in the logarithm of wavelength and a parabola in that of aerosol depth; aerosol depths beyond 0.03 to
+    0.3 take the nearest value.
     """
     grid = CityGrid()
     node = np.log(grid.aerosol_tau_550)
@@ -155,9 +155,9 @@ def city_multiple(kernel: Floats, distance_km: Floats, relative_azimuth_deg: Flo
     Parameters
     ----------
     kernel : (patterns, w, views, rings, parts) array
-        Of :func:`city_kernel`.
+        Kernel from :func:`city_kernel`.
     distance_km, relative_azimuth_deg : (m,) arrays
-        Of the lamps, the azimuth relative to the line of sight.
+        Places of the lamps; the azimuth is relative to the line of sight.
 
     Returns
     -------

@@ -18,7 +18,7 @@ class Axis:
     Attributes
     ----------
     low, high : float
-        Where the polynomials' variable is -1 and 1.
+        Coordinates at which the polynomials' variable is -1 and 1.
     degree : int
     """
 
@@ -36,6 +36,6 @@ def evaluated(coefficients: Floats, bases: Sequence[Floats]) -> Floats:
     """Sum of the products of all axes' basis functions, on the product grid of the bases."""
     values = coefficients
     for basis in bases:
-        # The first axis is summed and its points become the last: after all of them the order is restored.
+        # The first axis is summed and its points become the last axis: after all axes the order is restored.
         values = np.tensordot(values, basis, axes=(0, 1))
     return values

@@ -17,16 +17,17 @@ class CloudKind:
     Attributes
     ----------
     altitude_km : float
-        Above the site.
+        Height above the site.
     coverage : float
     median_depth, spread, least_depth, most_depth : float
-        Of the optical depth within the cloud over nights: lognormal with this standard deviation of its logarithm, cut off.
+        Distribution over nights of the optical depth within the cloud: lognormal with this standard deviation of its
+        logarithm, truncated.
     outer_scale_km : float
-        Above which the power spectrum is flat.
+        Scale above which the power spectrum is flat.
     stretch : float
-        Length of its waves along the wind over that across: 1 for the same, more for bands.
+        Length of its waves along the wind relative to that across: 1 for isotropic cloud, more for bands.
     cell_km : float
-        Distance of its cells; 0: none.
+        Distance between its cells; 0 for none.
     particle_um : float
         Effective diameter of its droplets or crystals.
     wind_m_s : float
@@ -61,15 +62,15 @@ CLOUD_KINDS = {
     "fog": CloudKind(0.2, 1.0, 5.0, 0.5, 1.0, 23.0, 1.0, 1.0, 0.0, 16.0, 1.0),
 }
 """Sources. Cirrus: base 8.8 and top 11.2 km over Salt Lake City (Sassen & Campbell 2001, J. Atmos. Sci. 58, 481), visible
-depth 0.75 in the mean, 0.61 in the median, seen from 0.03 (Sassen & Comstock 2001, J. Atmos. Sci. 58, 2113). Limits at 3.6
-and 23: the definition of types by the International Satellite Cloud Climatology Project (Rossow & Schiffer 1999, Bull. Am.
-Meteorol. Soc. 80, 2261); stratocumulus has its median in their middle. Cumulus: 5.8 to 8.0 in one cloud (Barker & Liu 1995,
-J. Climate 8, 2620). Droplets of 20 um (Luo et al. 1994, J. Geophys. Res. 99, 3685: radius 9.3 to 10.2 um). Covers, spreads of
-droplet clouds, cells, the stretch of bands, fog and winds are skybench's choice of an ordinary case. The numbers of Sassen's
-papers and the limits of the types are quoted from memory of these papers, not checked against their text."""
+depth 0.75 (mean) and 0.61 (median), visible from 0.03 (Sassen & Comstock 2001, J. Atmos. Sci. 58, 2113). Limits at 3.6 and
+23: the definition of types by the International Satellite Cloud Climatology Project (Rossow & Schiffer 1999, Bull. Am.
+Meteorol. Soc. 80, 2261); stratocumulus has its median in the middle of its limits. Cumulus: 5.8 to 8.0 in one cloud (Barker &
+Liu 1995, J. Climate 8, 2620). Droplets of 20 um (Luo et al. 1994, J. Geophys. Res. 99, 3685: radius 9.3 to 10.2 um). Covers,
+spreads of droplet clouds, cells, the stretch of bands, fog and winds are skybench's choice of an ordinary case. The numbers
+from Sassen's papers and the limits of the types are quoted from memory and have not been checked against the papers."""
 
 ICE_FROM_KM = 6.0
-"""Cloud without a kind is of ice from this height on."""
+"""Cloud without a kind consists of ice from this height on."""
 
 
 def usual_particle_um(altitude_km: float) -> float:
@@ -78,25 +79,26 @@ def usual_particle_um(altitude_km: float) -> float:
 
 
 def of_ice(kind: str | None, altitude_km: float) -> bool:
-    """Whether a layer is of crystals: cirrus, and without a kind from ICE_FROM_KM on."""
+    """Whether a layer consists of crystals: cirrus, or cloud without a kind from ICE_FROM_KM on."""
     return altitude_km >= ICE_FROM_KM if kind is None else kind == "cirrus"
 
 
 def point_share(particle_um: float, capture_rad: float) -> float:
-    """Part of a cloud's optical depth that takes light out of a star's image.
+    """Fraction of a cloud's optical depth that removes light from a star's image.
 
-    Half of what large particles extinguish is diffracted by their shadows (Babinet's principle), into a pattern as wide as
-    wavelength over diameter. What lies within the image is not lost: of a disk's diffraction pattern 1 - J0(x)^2 - J1(x)^2
-    lies within an angle t, x = pi D t / wavelength (Born & Wolf, "Principles of Optics", 8.5.2). This is the delta scaling of
-    Joseph et al. 1976, J. Atmos. Sci. 33, 2452, with the forward peak of the particle's own size. Through cirrus a Sun
-    photometer of 2.4 deg sees half of the optical depth (Shiobara & Asano 1994, J. Appl. Meteorol. 33, 672).
+    Half of the light that large particles extinguish is diffracted by their shadows (Babinet's principle), into a pattern
+    as wide as wavelength over diameter. Light within the image is not lost: the fraction 1 - J0(x)^2 - J1(x)^2 of a
+    disk's diffraction pattern is within an angle t, x = pi D t / wavelength (Born & Wolf, "Principles of Optics", 8.5.2).
+    This is the delta scaling of Joseph et al. 1976, J. Atmos. Sci. 33, 2452, with the forward peak of the particle's own
+    size. Through cirrus a Sun photometer of 2.4 deg sees half of the optical depth (Shiobara & Asano 1994, J. Appl.
+    Meteorol. 33, 672).
 
     Parameters
     ----------
     particle_um : float
-        Diameter; 0: all extinguished light is lost.
+        Effective diameter; 0 means that all extinguished light is lost.
     capture_rad : float
-        Angle around the star within which its image is.
+        Angular radius of the star's image.
     """
     x = np.pi * particle_um / WAVELENGTH_UM * np.sin(min(capture_rad, np.pi / 2))
     return float(1 - 0.5 * (1 - j0(x) ** 2 - j1(x) ** 2))

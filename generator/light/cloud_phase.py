@@ -1,7 +1,8 @@
-"""How the particles of cloud scatter by angle: diffraction about their shadows, and what they reflect and refract.
+"""Angular scattering by cloud particles: diffraction around their shadows, and reflected and refracted light.
 
-Particles much larger than the wavelength extinguish twice their shadow: half is diffracted (Babinet), half meets the particle
-(van de Hulst 1957, "Light Scattering by Small Particles", chapter 12). The second half keeps its shape for all sizes.
+Particles much larger than the wavelength extinguish twice their shadow: half is diffracted (Babinet), half meets the
+particle (van de Hulst 1957, "Light Scattering by Small Particles", chapter 12). The angular distribution of the second
+half is the same for all sizes.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ ICE_ASYMMETRY = 0.75
 """Mean cosine of all light that cirrus scatters, diffracted light included, measured in flight; its scattering function is
 smooth, without haloes. Source: Jaervinen et al. 2018, Atmos. Chem. Phys. 18, 15767."""
 WATER_ASYMMETRY = 0.85
-"""The same of droplets, visible light. Source: Bohren 1987, Am. J. Phys. 55, 524."""
+"""Mean cosine of the light that droplets scatter, visible light. Source: Bohren 1987, Am. J. Phys. 55, 524."""
 WATER_INDEX = 1.334
-"""Refractive index at 0.55 um. Source: Hale & Querry 1973, Appl. Opt. 12, 555."""
+"""Refractive index of water at 0.55 um. Source: Hale & Querry 1973, Appl. Opt. 12, 555."""
 INNER_REFLECTIONS = 5
-"""Of rays in a droplet that are followed; later ones carry a thousandth."""
+"""Number of reflections inside a droplet for which rays are followed; later ones carry a thousandth of the light."""
 RAYS = 40_000
 BIN_DEG = 2.0
-"""Width over which the droplets' phase function is averaged: rays have infinite light at rainbow angles, which droplets of
-cloud spread over some degrees."""
+"""Width over which the droplets' phase function is averaged: rays have infinite intensity at rainbow angles, which cloud
+droplets spread over some degrees."""
 SIZE_VARIANCE = 0.1
 """Effective variance of the particles' sizes, a gamma distribution. Source: Hansen 1971, J. Atmos. Sci. 28, 1400 (water)."""
 SIZES = 24
@@ -43,9 +44,9 @@ def henyey_greenstein(cosine: ArrayLike, asymmetry: float) -> Floats:
 
 @functools.cache
 def droplet_rays() -> tuple[Floats, Floats]:
-    """Angles (n,), deg, and phase function (n,), sr^-1, of light that meets a droplet: rays, Fresnel's reflectances.
+    """Angles (n,), deg, and phase function (n,), sr^-1, of light that meets a droplet: ray optics, Fresnel's reflectances.
 
-    Reflected outside (p = 0), or passed through with p - 1 reflections inside (van de Hulst 1957, section 12.2).
+    Rays are reflected outside (p = 0), or pass through with p - 1 reflections inside (van de Hulst 1957, section 12.2).
     """
     sine = np.sqrt((np.arange(RAYS) + 0.5) / RAYS)
     outside = np.arcsin(sine)
@@ -67,8 +68,8 @@ def droplet_rays() -> tuple[Floats, Floats]:
 def ray_phase(angle_rad: ArrayLike, ice: bool) -> Floats:
     """Phase function of the light that meets a particle, sr^-1; its integral over the sphere is 1.
 
-    Ice: rough crystals scatter smoothly, by Henyey & Greenstein's function of the mean cosine 2 g - 1 that leaves
-    ICE_ASYMMETRY for the whole, as the diffracted half goes straight on. Water: :func:`droplet_rays`.
+    Ice: rough crystals scatter smoothly, according to Henyey & Greenstein's function. Its mean cosine 2 g - 1 makes that
+    of all light ICE_ASYMMETRY, because the diffracted half goes straight on. Water: :func:`droplet_rays`.
     """
     angle = np.asarray(angle_rad, dtype=np.float64)
     if ice:
@@ -78,11 +79,11 @@ def ray_phase(angle_rad: ArrayLike, ice: bool) -> Floats:
 
 
 def aureole(angle_rad: ArrayLike, particle_um: float) -> Floats:
-    """Diffracted light around the Moon, sr^-1: disks of the particles' sizes, spread over the Moon's; its integral is 1.
+    """Diffracted light around the Moon, sr^-1: disks' patterns, convolved with the Moon's disk; its integral is 1.
 
-    A disk of diameter D sends J1(x)^2 / (pi sin^2 t) into the angle t, x = pi D sin t / wavelength (Born & Wolf, "Principles
-    of Optics", 8.5.2). Sizes follow a gamma distribution around the effective diameter, weighted by their shadows. Angles are
-    small.
+    The disks have the sizes of the particles. A disk of diameter D sends J1(x)^2 / (pi sin^2 t) into the angle t, x = pi
+    D sin t / wavelength (Born & Wolf, "Principles of Optics", 8.5.2). Sizes follow a gamma distribution around the
+    effective diameter, weighted by their shadows. The small-angle approximation is used.
     """
     angle = np.asarray(angle_rad, dtype=np.float64)
     # Quantiles of the shadow-weighted gamma distribution of effective variance v: shape 1 / v, mean D.
@@ -101,19 +102,19 @@ def aureole(angle_rad: ArrayLike, particle_um: float) -> Floats:
 DIFFRACTION_DEPTHS = np.linspace(0.05, 6.0, 24)
 """Optical depths of diffraction for which aureoles of stars are tabulated."""
 WAVES, ANGLES = 512, 1024
-"""Nodes of their transform and of the angle."""
+"""Numbers of nodes of their transform and of the angle."""
 WIDEST = 12.0
 """Angle at which their tables end, in wavelengths over the effective diameter."""
 
 
 @functools.lru_cache(maxsize=4)
 def aureole_radii(particle_um: float, points: int) -> Floats:
-    """Angles from a star, rad, with (j + 1/2) / points of its diffracted light inside, (DIFFRACTION_DEPTHS, points) array.
+    """Angles around a star, rad, that contain (j + 1/2) / points of its diffracted light, (DIFFRACTION_DEPTHS, points) array.
 
-    Light that passes a depth d of diffraction has the transform exp(-d (1 - A)): small angles add up (Wells 1969, J. Opt.
-    Soc. Am. 59, 686). A is that of a disk's pattern, the overlap of two disks (Goodman, "Introduction to Fourier Optics",
-    6.3), mean over the sizes of :func:`aureole`. exp(-d), which is not diffracted, is taken off. What lies beyond WIDEST is
-    at its end.
+    Light that passes through a depth d of diffraction has the transform exp(-d (1 - A)), because small angles add up
+    (Wells 1969, J. Opt. Soc. Am. 59, 686). A is that of a disk's pattern, the overlap of two disks (Goodman,
+    "Introduction to Fourier Optics", 6.3), mean over the sizes of :func:`aureole`. The undiffracted part exp(-d) is
+    subtracted. Light beyond WIDEST is placed at WIDEST.
     """
     parts = (np.arange(SIZES) + 0.5) / SIZES
     diameters = gammaincinv(1 / SIZE_VARIANCE, parts) * (particle_um * SIZE_VARIANCE) / WAVELENGTH_UM

@@ -1,8 +1,8 @@
-"""Integrals over a disk of lamps: light that air scatters once, light on a layer of cloud, any function of the place.
+"""Integrals over a disk of lamps: light that air scatters once, light on a layer of cloud, and any function of position.
 
-Lamps close to the foot of a point matter most, and spots that stand for areas miss them. Seen from height h, ground at
-distance d contributes dA / d^2 = du dphi with u = ln(d / h): in these coordinates about the foot the kernel of Garstang 1986
-(PASP 98, 364) is smooth, and a few nodes integrate it over the disk.
+Lamps close to the foot of a point matter most, and discrete spots that represent areas miss them. Seen from height h,
+ground at distance d contributes dA / d^2 = du dphi with u = ln(d / h). In these coordinates about the foot the kernel of
+Garstang 1986 (PASP 98, 364) is smooth, and a few nodes integrate it over the disk.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from generator.light.single_scattering import aerosol_phase, rayleigh_phase
 Floats = NDArray[np.float64]
 
 _CROWDING = 0.3
-"""Bearings stand closer by this factor along the line of sight, where light that aerosol scatters forward comes from."""
+"""Bearings are closer by this factor along the line of sight, from where light that aerosol scatters forward comes."""
 
 
 def disk_single(
@@ -40,16 +40,16 @@ def disk_single(
     wavelength_nm : (w,) array
     aerosol_tau_550 : float
     distance_km, radius_km : float
-        Of the disk's middle from the observer, along y, and of the disk.
+        Distance of the disk's centre from the observer, along y, and radius of the disk.
     directions : (m, 3) array
-        Where the observer at the origin looks (z up, upwards).
+        Directions in which the observer at the origin looks (z up), upwards.
     steps, bearings, distances : int
         Nodes along the line of sight (logarithmic in height), around each point's foot and outwards from it.
 
     Returns
     -------
     (patterns, w, m) array
-        Per unit photon output above the horizon in each of PATTERNS, km^-2 sr^-1.
+        Radiance per unit photon output above the horizon in each of PATTERNS, km^-2 sr^-1.
     """
     edge = np.concatenate([[0], np.geomspace(1e-3, air.top_km, steps)])
     height = (edge[1:] + edge[:-1]) / 2
@@ -91,21 +91,21 @@ def disk_single(
 def disk_irradiance(
     place_km: Floats, height_km: float, radius_km: float, bearings: int = 24, distances: int = 8
 ) -> Floats:
-    """Light of a disk of lamps on a level plane above it, without air between.
+    """Light of a disk of lamps on a level plane above it, without air in between.
 
     Parameters
     ----------
     place_km : (n, 2) array
-        Points of the plane, from above the disk's middle.
+        Points of the plane, relative to the point above the disk's centre.
     height_km, radius_km : float
-        Of the plane above the lamps, and of the disk.
+        Height of the plane above the lamps, and radius of the disk.
     bearings, distances : int
         Nodes around each point's foot and outwards from it.
 
     Returns
     -------
     (patterns, n) array
-        Per unit photon output above the horizon in each of PATTERNS, km^-2.
+        Irradiance per unit photon output above the horizon in each of PATTERNS, km^-2.
     """
     _, nearest, farthest, arc = _chords(place_km, radius_km, bearings)
     inner, outer = (0.5 * np.log1p(np.square(d / height_km)) for d in (nearest, farthest))
@@ -128,9 +128,9 @@ def disk_nodes(
     Parameters
     ----------
     distance_km, radius_km : float
-        Of the disk's middle from the observer, and of the disk.
+        Distance of the disk's centre from the observer, and radius of the disk.
     line_of_sight_deg : float
-        Azimuth from the disk's middle.
+        Azimuth of the line of sight relative to the disk's centre.
     core_km : float
         Distances are spaced evenly below it, and logarithmically beyond.
     bearings, distances : int
@@ -156,21 +156,21 @@ def disk_nodes(
 def _chords(
     foot: Floats, radius_km: float, bearings: int, middle_bearing: float = 0.0, crowding: float = 1.0
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Directions from feet over a disk around the origin: bearing, distances where the disk begins and ends, arc.
+    """Directions from feet over a disk around the origin: bearing, distances at which the disk begins and ends, arc.
 
     Parameters
     ----------
     foot : (s, 2) array
     radius_km : float
     bearings : int
-        Nodes for each foot.
+        Number of nodes for each foot.
     middle_bearing, crowding : float
-        For feet inside: a bearing that is a node, rad, and how much closer nodes stand there.
+        For feet inside the disk: a bearing that is a node, rad, and the factor by which nodes are closer there.
 
     Returns
     -------
     bearing, nearest, farthest, arc : (s, bearings) arrays
-        Radians, km, km, and the radians that each node stands for.
+        Radians, km, km, and the radians that each node represents.
     """
     away = np.hypot(foot[:, 0], foot[:, 1])[:, None]
     inside = away < radius_km
@@ -178,7 +178,8 @@ def _chords(
     turn = (np.arange(bearings) / bearings - 0.5) * 2 * np.pi
     around = middle_bearing + 2 * np.arctan(crowding * np.tan(turn / 2)) - towards
     around_arc = 2 * np.pi / bearings * crowding / (np.cos(turn / 2) ** 2 + (crowding * np.sin(turn / 2)) ** 2)
-    # Outside, the disk fills a cone; the sine of the bearing runs over it as that of an angle, which chords are smooth in.
+    # From outside, the disk fills a cone; the sine of the bearing is parametrised over it by an angle, in which chords
+    # are smooth.
     angle = (np.arange(bearings) + 0.5) * np.pi / bearings - np.pi / 2
     ratio = radius_km / np.maximum(away, radius_km)
     across = np.arcsin(np.clip(ratio * np.sin(angle), -1, 1))

@@ -1,4 +1,4 @@
-"""What the ground reflects: its albedo by wavelength, and the light that comes down again because of it."""
+"""Reflection by the ground: its albedo by wavelength, and the additional light of the sky that results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def albedo_at(albedo: Albedo, wavelength_nm: Floats) -> Floats:
 
 @functools.cache
 def _interpolators() -> tuple[RegularGridInterpolator, RegularGridInterpolator]:
-    """Logarithms of the glow and of the lamps' light by those of aerosol depth and wavelength."""
+    """Interpolators of the logarithms of the glow and of the lamps' light in those of aerosol depth and wavelength."""
     grid = GroundGrid()
     axes = (np.log(grid.aerosol_tau_550), np.log(grid.wavelength_nm))
     lamps = np.moveaxis(ground_map(), 0, 3)
@@ -35,7 +35,7 @@ def _interpolators() -> tuple[RegularGridInterpolator, RegularGridInterpolator]:
 
 
 def _points(atmosphere: Atmosphere) -> Floats:
-    """Places of the bake at which its air scatters as this one does at WAVELENGTHS_NM, the nearest outside of it, (w, 2)."""
+    """Points of the bake at which its air scatters as this one does at WAVELENGTHS_NM, or the nearest ones, (w, 2)."""
     grid = GroundGrid()
     wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
     wavelength = np.clip(wavelength, grid.wavelength_nm[0], grid.wavelength_nm[-1])
@@ -44,43 +44,43 @@ def _points(atmosphere: Atmosphere) -> Floats:
 
 
 def ground_glow(atmosphere: Atmosphere) -> Floats:
-    """Radiance of the air over an endless Lambert ground that sends up light of 1, sr^-1, (w, views) array.
+    """Radiance of the air above an infinite Lambertian ground that emits light of 1, sr^-1, (w, views) array.
 
-    The ground does not reflect again what comes back. Axes: WAVELENGTHS_NM, the bake's view altitudes.
+    The ground does not reflect the returning light again. Axes: WAVELENGTHS_NM, the bake's view altitudes.
     """
     return np.exp(_interpolators()[0](_points(atmosphere)))
 
 
 def spherical_albedo(atmosphere: Atmosphere) -> Floats:
-    """Part of light from an endless Lambert ground that the air sends back to it, (w,) array at WAVELENGTHS_NM."""
+    """Fraction of the light from an infinite Lambertian ground that the air returns to it, (w,) array at WAVELENGTHS_NM."""
     sine = np.sin(np.radians(VIEW_ALTITUDES_DEG))
     glow = ground_glow(atmosphere)
-    # Down to the horizon, the radiance of the lowest view altitude.
+    # Down to the horizon, the radiance of the lowest view altitude is used.
     below = np.pi * sine[0] ** 2 * glow[:, 0]
     return np.asarray(below + 2 * np.pi * np.trapezoid(glow * sine, sine, axis=1))
 
 
 def ground_light(albedo: Floats, falling: Floats, returned: Floats | float) -> Floats:
-    """Light that leaves a ground, per area, where the air (or cloud) returns a part of it again and again.
+    """Light that leaves a ground, per area, if the air (or cloud) repeatedly returns a part of it.
 
     Parameters
     ----------
     albedo : array
     falling : array
-        Light that falls on a black ground.
+        Light that falls on black ground.
     returned : array
-        Part of what leaves the ground that comes back. The sum is a geometric series (Chandrasekhar 1950, section 72).
+        Fraction of the light from the ground that returns. The sum is a geometric series (Chandrasekhar 1950, section 72).
     """
     return albedo * falling / (1 - albedo * returned)
 
 
 def lamp_light_change(albedo: Floats, atmosphere: Atmosphere) -> Floats:
-    """Change of a lamp's multiply scattered light when the ground's albedo differs from the bake's.
+    """Change of a lamp's multiply scattered light if the ground's albedo differs from the bake's.
 
     Parameters
     ----------
     albedo : (w,) array
-        At WAVELENGTHS_NM.
+        Albedo at WAVELENGTHS_NM.
     atmosphere : Atmosphere
 
     Returns
@@ -96,9 +96,9 @@ def lamp_light_change(albedo: Floats, atmosphere: Atmosphere) -> Floats:
 
 
 def with_ground(kernel: Floats, albedo: Albedo, atmosphere: Atmosphere) -> Floats:
-    """Logarithm of the kernel of :func:`generator.light.baked_maps.city_kernel` over ground of another albedo.
+    """Logarithm of the kernel of :func:`generator.light.baked_maps.city_kernel` for ground of another albedo.
 
-    The change keeps the kernel's shape in azimuth: light from a Lambert ground around the lamp has lost its direction.
+    The change has the kernel's shape in azimuth, because light from Lambertian ground around the lamp has lost its direction.
     """
     if albedo == DEFAULT_ALBEDO:
         return kernel

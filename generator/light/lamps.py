@@ -1,4 +1,4 @@
-"""Lamps of cities: their spectra, and a city as a disk of them."""
+"""Lamps of cities: their spectra, and a city as a disk of lamps."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Floats = NDArray[np.float64]
 
 LAMPS_PATH = Path(__file__).parents[1] / "data" / "lamps.csv"
 MOST_WAVELENGTHS = 10_000
-"""Far more rows than the table of the package has."""
+"""Limit far above the number of rows of the package's table."""
 
 LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
 """Lumen per photon s^-1 nm^-1 in V: a star of V = 0 gives 2.54e-6 lx. Source: Crumey 2014, MNRAS 442, 2600."""
 LAMP_MIX = (("HPS", 0.5), ("LED", 0.5))
-"""Shares of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
+"""Fractions of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
 LARGEST_DISTANCE_KM = 150.0
-"""Where the Earth's curvature takes 13 % of the light at the zenith; the bake's rings end at 180 km."""
+"""Distance at which the Earth's curvature reduces the light at the zenith by 13 %; the bake's rings end at 180 km."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class City:
     Attributes
     ----------
     distance_km, azimuth_deg : float
-        Of its middle, from the observer.
+        Place of its centre, seen from the observer.
     radius_km : float
     upward_mlm : float
-        Light that leaves it upwards, megalumen.
+        Upward light, megalumen.
     horizon_share : float or None
-        Part of that in Garstang's pattern near the horizon, the rest by Lambert's law; None: all of it as from a built-up
-        area (:func:`generator.light.emission.built_up`).
+        Fraction of the upward light in Garstang's pattern near the horizon, the rest by Lambert's law; None means that
+        all leaves as from a built-up area (:func:`generator.light.emission.built_up`).
     lamps : tuple of (name, share)
         Names of :func:`lamp_spectra`, shares in V-band photons.
     """

@@ -1,8 +1,8 @@
 """Absorption by water vapour and by oxygen, and the paths of rays through air, ozone and vapour.
 
 The band model of SPCTRAL2: Bird & Riordan 1986 (J. Climate Appl. Meteor. 25, 87), table 1 and eqs. 8 to 11, after Leckner
-1978 (Solar Energy 20, 143). Its wavelengths are as far apart as the bands are wide: sums over a filter's width are right,
-single wavelengths within a band are not resolved.
+1978 (Solar Energy 20, 143). Its wavelengths are as far apart as the bands are wide: sums over a filter's width are
+accurate, but single wavelengths within a band are not resolved.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ _WATER = [
 _MIXED = [
     0, 0, 0, 0, 0, 0, 0.15, 0, 0, 0, 0, 0, 0, 4.0, 0.35, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
 ]  # fmt: skip
-"""Of the uniformly mixed gases, which below 1000 nm is oxygen."""
+"""Absorption coefficients of the uniformly mixed gases; below 1000 nm this is oxygen."""
 OZONE_HEIGHT_KM, EARTH_KM = 22.0, 6370.0
 
 
 def precipitable_water_cm(temperature_c: float, relative_humidity: float) -> float:
-    """Water vapour above a site, cm of liquid, by the air at the site: 0.493 (f/T) exp(26.23 - 5416/T).
+    """Water vapour above a site, cm of liquid, from the air at the site: 0.493 (f/T) exp(26.23 - 5416/T).
 
-    Source: Leckner 1978, eq. 10. Nights differ from it by a factor of up to two.
+    Source: Leckner 1978, eq. 10. Single nights differ from it by a factor of up to two.
     """
     kelvin = temperature_c + 273.15
     return 0.493 * relative_humidity / kelvin * float(np.exp(26.23 - 5416 / kelvin))
 
 
 def ozone_airmass(apparent_altitude_deg: ArrayLike) -> Floats:
-    """Path through a layer at 22 km over the vertical one. Source: Bird & Riordan 1986, eq. 10."""
+    """Path through a layer at 22 km relative to the vertical one. Source: Bird & Riordan 1986, eq. 10."""
     sine = np.sin(np.radians(np.maximum(np.asarray(apparent_altitude_deg, float), 0.0)))
     ratio = OZONE_HEIGHT_KM / EARTH_KM
     return (1 + ratio) / np.sqrt(sine * sine + 2 * ratio)
@@ -60,7 +60,7 @@ def ozone_airmass(apparent_altitude_deg: ArrayLike) -> Floats:
 
 @functools.cache
 def _altitudes() -> tuple[Floats, Floats]:
-    """Airmass, increasing, and altitude, deg."""
+    """Return increasing airmass and the corresponding altitude, deg."""
     altitude = 90 * np.linspace(1, 0, 2000) ** 2
     return airmass(altitude), altitude
 
@@ -68,7 +68,7 @@ def _altitudes() -> tuple[Floats, Floats]:
 def band_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere, air_path: ArrayLike) -> Floats:
     """Optical depth of the bands of water vapour and oxygen along rays that pass m airmasses, (m, n) array.
 
-    It grows more slowly than the path, as the middles of lines saturate.
+    It grows more slowly than the path, because the centres of lines saturate.
     """
     wavelength, path = np.asarray(wavelength_nm, float), np.asarray(air_path, float)[:, None]
     water = np.interp(wavelength, _BANDS_NM, _WATER) * atmosphere.water_cm * path
@@ -79,20 +79,20 @@ def band_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere, air_path: Array
 def slant_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere, air_path: ArrayLike) -> Floats:
     """Optical depth of clear air along rays that pass m airmasses (0 or more), (m, n) array.
 
-    Air, aerosol and vapour along the relative airmass of Kasten & Young, ozone along its own, and the bands.
+    It includes air, aerosol and vapour along the relative airmass of Kasten & Young, ozone along its own, and the bands.
     """
     path = np.asarray(air_path, float)
     scattered = rayleigh_optical_depth(wavelength_nm, atmosphere.pressure_hpa) + aerosol_optical_depth(
         wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent
     )
-    # Below one airmass there is no ray; tables begin at 0.
+    # There are no rays below one airmass, but tables begin at 0.
     through_ozone = ozone_airmass(np.interp(path, *_altitudes())) * np.minimum(path, 1.0)
     ozone = ozone_optical_depth(wavelength_nm, atmosphere.ozone_du)
     return path[:, None] * scattered + through_ozone[:, None] * ozone + band_depth(wavelength_nm, atmosphere, path)
 
 
 def depth_per_airmass(wavelength_nm: ArrayLike, atmosphere: Atmosphere, air_path: ArrayLike) -> Floats:
-    """:func:`slant_depth` over the airmass, at 0 its limit without bands, (m, n) array."""
+    """:func:`slant_depth` divided by the airmass, and at 0 its limit without bands, (m, n) array."""
     path = np.asarray(air_path, float)
     along = slant_depth(wavelength_nm, atmosphere, path) / np.maximum(path, 1e-12)[:, None]
     return np.where(path[:, None] > 0, along, optical_depth(wavelength_nm, atmosphere))

@@ -46,7 +46,7 @@ class Band:
         Returns
         -------
         (...) array
-            In the unit of `photons`.
+            Means in the unit of `photons`.
         """
         first, last = self.wavelength_nm[0], self.wavelength_nm[-1]
         inside = wavelength_nm[(wavelength_nm > first) & (wavelength_nm < last)]
@@ -79,8 +79,9 @@ BESSELL_V = Band(
     ),
     995.9 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
 )  # fmt: skip
-# Passband: the same table. Zero point: Vega (CALSPEC) has V-I 0.00 with 458, the Sun (ASTM G173's spectrum above the air)
-# 0.702 (Ramirez et al. 2012, ApJ 752, 5) with 465; between them. Bessell, Castelli & Plez 1998 have 452.3.
+# Passband: the same table. Zero point: Vega (CALSPEC) has V-I 0.00 with 458, and the Sun (ASTM G173's spectrum above the
+# air) has 0.702 (Ramirez et al. 2012, ApJ 752, 5) with 465; the value is between these. Bessell, Castelli & Plez 1998
+# have 452.3.
 BESSELL_I = Band(
     np.arange(700, 921, 10.0),
     np.array(

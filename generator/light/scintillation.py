@@ -8,16 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 SATURATION_SIGMA = 0.35
-"""Largest standard deviation: small apertures near the horizon leave the weak-turbulence law behind, and measured
-intensities of stars seen by eye or small lens vary by 0.2 to 0.4 (Dravins et al. 1997, PASP 109, 173)."""
+"""Largest standard deviation: small apertures near the horizon are outside the validity of the weak-turbulence law, and
+measured intensities of stars seen by eye or through a small lens vary by 0.2 to 0.4 (Dravins et al. 1997, PASP 109, 173)."""
 SCALE_HEIGHT_M = 8000.0
 
 
 def scintillation_sigma(aperture_mm: float, airmass: ArrayLike, exposure_s: float, height_m: float) -> Floats:
     """Relative standard deviation of a star's light in one exposure.
 
-    Young's law 0.09 D^(-2/3) X^1.75 exp(-h/h0) (2t)^(-1/2), D in cm, t in s (Young 1967, AJ 72, 747), brought smoothly to
-    SATURATION_SIGMA where it exceeds it; the law does not hold for apertures below the Fresnel scale of about 7 cm.
+    Young's law 0.09 D^(-2/3) X^1.75 exp(-h/h0) (2t)^(-1/2), D in cm, t in s (Young 1967, AJ 72, 747), smoothly limited to
+    SATURATION_SIGMA; the law does not hold for apertures below the Fresnel scale of about 7 cm.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def scintillation_sigma(aperture_mm: float, airmass: ArrayLike, exposure_s: floa
     airmass : array_like
     exposure_s : float
     height_m : float
-        Of the site.
+        Height of the site.
     """
     path = np.asarray(airmass, float) ** 1.75
     young = 0.09 * (aperture_mm / 10) ** (-2 / 3) * path * np.exp(-height_m / SCALE_HEIGHT_M) / np.sqrt(2 * exposure_s)

@@ -1,7 +1,7 @@
-"""Light scattered once, by quadrature along the line of sight, in the air of the bake.
+"""Single scattering by quadrature along the line of sight, in the air of the bake.
 
-City light has the form of Garstang's kernel (Garstang 1986, PASP 98, 364) for two exponential layers; moonlight that of a
-homogeneous plane-parallel layer (Chandrasekhar 1950, "Radiative Transfer", section 7).
+City light has the form of Garstang's kernel (Garstang 1986, PASP 98, 364) for two exponential layers, and moonlight that
+of a homogeneous plane-parallel layer (Chandrasekhar 1950, "Radiative Transfer", section 7).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from generator.light.emission import PATTERNS, lamp_patterns
 
 Floats = NDArray[np.float64]
 LAYER_NODES = 64
-"""Of Gauss' quadrature through the layers; at the horizon the light is right to 1e-6."""
+"""Nodes of Gauss' quadrature through the layers; at the horizon the light is accurate to 1e-6."""
 
 LAMP_HEIGHT_KM = 0.0005
 
@@ -30,7 +30,7 @@ def aerosol_phase(cosine: ArrayLike) -> Floats:
     """Phase function of aerosol, sr^-1; its mean cosine is 0.69.
 
     Fitted to the measured haze of McClatchey et al. 1978, "Handbook of Optics", chapter 14, by Garstang 1991, PASP 103,
-    1109; here over 1.0027, which makes its integral 1.
+    1109; here divided by 1.0027, which makes its integral 1.
     """
     degrees = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     square = degrees * degrees
@@ -49,17 +49,17 @@ def disk_points(radius_km: float, rings: int = 4, spokes: int = 8) -> Floats:
 
 
 def column_from_ground(length_km: Floats, sine: Floats, scale_height_km: float, earth_radius_km: float) -> Floats:
-    """Column of an exponential layer along a ray that starts at the ground, over its vertical column.
+    """Column of an exponential layer along a ray that starts at the ground, relative to its vertical column.
 
-    To first order in the Earth's curvature a ray that leaves at an angle of sine m has height m s + (1 - m^2) s^2 / (2 R)
-    after s, so that the column is a difference of two error functions.
+    To first order in the Earth's curvature a ray that leaves at an angle of sine m has the height m s + (1 - m^2) s^2 /
+    (2 R) after the distance s, so the column is a difference of two error functions.
 
     Parameters
     ----------
     length_km, sine : arrays
     scale_height_km : float
     earth_radius_km : float
-        Infinite for flat ground.
+        Radius of the Earth; infinite for flat ground.
     """
     curve = np.maximum((1 - sine**2) / (2 * earth_radius_km * scale_height_km), 1e-12)
     root = np.sqrt(curve)
@@ -79,7 +79,7 @@ def city_single(
     spot_radius_km: float = 0.0,
     earth_radius_km: float = np.inf,
 ) -> Floats:
-    """Radiance scattered once from lamps on the ground, mean over the lamps' places.
+    """Radiance scattered once from lamps on the ground, mean over the lamps.
 
     Parameters
     ----------
@@ -89,19 +89,19 @@ def city_single(
     spots_km : (p, 2) array
         Places of the lamps, x and y along the ground.
     directions : (m, 3) array
-        Where the observer at the origin looks (z up).
+        Directions in which the observer at the origin looks (z up).
     steps : int
         Points of the quadrature, on a logarithmic scale of height.
     spot_radius_km : float
         Radius of the area that each lamp represents: its light is softened to 1 / (distance^2 + radius^2), so that a lamp
-        close to the line of sight is a patch of the city and not a point.
+        close to the line of sight acts as a patch of the city and not as a point.
     earth_radius_km : float
-        Infinite for flat ground.
+        Radius of the Earth; infinite for flat ground.
 
     Returns
     -------
     (patterns, w, m) array
-        Per unit photon output above the horizon in each of PATTERNS, km^-2 sr^-1.
+        Radiance per unit photon output above the horizon in each of PATTERNS, km^-2 sr^-1.
     """
     rayleigh = rayleigh_optical_depth(wavelength_nm, air.pressure_hpa)[:, None]
     aerosol = aerosol_optical_depth(wavelength_nm, aerosol_tau_550, air.angstrom_exponent)[:, None]
@@ -123,7 +123,7 @@ def city_single(
         distance = np.sqrt(distance2)
         cosine = np.sum(onward * upright, axis=-1) / distance
         up = np.maximum(cosine, 1e-4)
-        # From lamp to point, then from point to observer: the angle between the two legs.
+        # From the lamp to the point, then from the point to the observer: the angle between the two paths.
         turn = -(onward @ direction) / distance
         if np.isinf(earth_radius_km):
             columns = [-np.expm1(-height / h)[:, None] * (1 / up + 1 / sine) for h in heights]
@@ -156,9 +156,9 @@ def moon_single(
         Vertical optical depths.
     moon_airmass, view_airmass : array_like
     cosine : array_like
-        Of the angle between the line of sight and the Moon.
+        Cosine of the angle between the line of sight and the Moon.
     air : BakedAir
-        For the aerosol's albedo.
+        Air with the aerosol's albedo.
     """
     rayleigh, aerosol = np.asarray(rayleigh_depth, float), np.asarray(aerosol_depth, float)
     moon, view = np.asarray(moon_airmass, float), np.asarray(view_airmass, float)
@@ -174,12 +174,12 @@ def moon_single(
 def moon_single_by_layer(
     air: BakedAir, rayleigh_depth: Floats, aerosol_depth: Floats, moon_airmass: float, view_airmass: Floats
 ) -> tuple[Floats, Floats]:
-    """What the two exponential layers of the bake scatter once without their phase functions: of molecules, of aerosol.
+    """Single scattering by the two exponential layers of the bake without phase functions: by molecules, by aerosol.
 
     Parameters
     ----------
     air : BakedAir
-        For the layers' heights and the aerosol's albedo.
+        Air with the layers' heights and the aerosol's albedo.
     rayleigh_depth, aerosol_depth : (n,) arrays
         Vertical optical depths.
     moon_airmass : float
@@ -188,7 +188,7 @@ def moon_single_by_layer(
     Returns
     -------
     molecules, aerosol : (n, m) arrays
-        To be multiplied with the phase functions; sr^-1 per unit irradiance above the air.
+        Factors to be multiplied by the phase functions; sr^-1 per unit irradiance above the air.
     """
     node, weight = np.polynomial.legendre.leggauss(LAYER_NODES)
     edge, weight = (node + 1) / 2, weight / 2
@@ -219,9 +219,9 @@ def moon_single_in_layers(
     moon_altitude_deg : (m,) array
     view_altitude_deg : float
     cosine : (m, k) array
-        Of the angles between the line of sight and the Moon.
+        Cosines of the angles between the line of sight and the Moon.
     steps : int
-        Of the quadrature, equal in exp(-height / Rayleigh's height).
+        Steps of the quadrature, equal in exp(-height / Rayleigh's height).
 
     Returns
     -------

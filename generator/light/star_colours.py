@@ -1,4 +1,4 @@
-"""V-I of stars for which no catalogue gives it: from B-V, luminosity and spectral type."""
+"""V-I of stars for which no catalogue states it: from B-V, luminosity and spectral type."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 # Synthetic colours (Johnson B-V, Cousins V-I) of the templates of Pickles 1998, PASP 110, 863, by
-# generator.light.photometry; where the library's templates of K giants scatter (K3 to K5), their mean. Supergiants and bright
-# giants (M3 II, M2 I) continue the giants beyond B-V 1.5.
+# generator.light.photometry. Where the library's templates of K giants scatter (K3 to K5), their mean is used.
+# Supergiants and bright giants (M3 II, M2 I) continue the giants beyond B-V 1.5.
 _DWARFS_BV = [-0.37, -0.33, -0.23, -0.19, -0.13, -0.04, 0.02, 0.10, 0.16, 0.21, 0.31, 0.46, 0.54, 0.57, 0.68, 0.75, 0.92,
               1.08, 1.20, 1.34, 1.43, 1.50, 1.57, 1.64, 1.79]  # fmt: skip
 _DWARFS_VI = [-0.35, -0.30, -0.22, -0.14, -0.06, -0.01, 0.03, 0.12, 0.18, 0.27, 0.40, 0.52, 0.64, 0.70, 0.77, 0.84, 1.00,
@@ -19,7 +19,7 @@ _GIANTS_BV = [-0.32, -0.25, -0.18, -0.14, -0.07, 0.04, 0.14, 0.18, 0.22, 0.27, 0
 _GIANTS_VI = [-0.35, -0.23, -0.15, -0.08, -0.04, 0.03, 0.10, 0.19, 0.27, 0.35, 0.48, 0.76, 0.90, 1.01, 1.08, 1.17, 1.21,
               1.48, 2.20, 2.32]  # fmt: skip
 M_GIANTS_VI: Floats = np.array([1.70, 1.81, 1.93, 2.16, 2.50, 2.91, 3.40, 4.04, 4.39])
-"""V-I of giants M0 to M8, of the same templates; their B-V hardly changes."""
+"""V-I of giants M0 to M8, from the same templates; their B-V hardly changes."""
 GIANT_REDUCED_MOTION_MAG = 8.0
 """Reduced proper motion, V + 5 + 5 log10(proper motion in arcsec/yr): red stars above this are dwarfs. A tangential speed of
 47 km/s makes it the absolute magnitude plus 5, so that giants (absolute magnitude 1 and less) need 120 km/s to exceed it and
@@ -33,7 +33,7 @@ def usual_vi(bv_mag: ArrayLike, dwarf: ArrayLike | None = None) -> Floats:
     ----------
     bv_mag : (m,) array_like
     dwarf : (m,) array_like of bool, or None
-        Whether the stars are dwarfs; None: up to B-V 0.8, the reddest that most of the naked eye's dwarfs are.
+        Whether the stars are dwarfs; None means those up to B-V 0.8, the limit of most dwarfs visible to the naked eye.
     """
     bv = np.asarray(bv_mag, float)
     is_dwarf = bv < 0.8 if dwarf is None else np.asarray(dwarf, bool)
@@ -41,7 +41,7 @@ def usual_vi(bv_mag: ArrayLike, dwarf: ArrayLike | None = None) -> Floats:
 
 
 def moves_like_a_dwarf(v_mag: Floats, motion_mas_yr: Floats) -> NDArray[np.bool_]:
-    """Whether stars have so large a proper motion for their magnitude that they are close by, hence dwarfs."""
+    """Whether stars have such a large proper motion for their magnitude that they must be nearby, and hence dwarfs."""
     with np.errstate(divide="ignore"):
         return v_mag + 5 + 5 * np.log10(motion_mas_yr / 1000) > GIANT_REDUCED_MOTION_MAG
 

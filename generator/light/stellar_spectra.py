@@ -1,8 +1,8 @@
 """Spectra of stars from V, B-V and V-I.
 
-V-I (Cousins) chooses between Pickles' templates, which hold the lines and the bands of titanium oxide; a power of the
-wavelength on either side of 550 nm then makes the synthetic B-V and V-I those asked for, and the scale makes V. All three
-magnitudes are thus right by construction, whatever reddens the star.
+V-I (Cousins) selects among Pickles' templates, which contain the lines and the bands of titanium oxide. A power of the
+wavelength on either side of 550 nm then adjusts the synthetic B-V and V-I to the requested ones, and the scale adjusts V.
+All three magnitudes are thus exact by construction, however reddened the star is.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ Floats = NDArray[np.float64]
 
 TEMPLATES_PATH = Path(__file__).parents[1] / "data" / "stellar_templates.csv"
 MOST_WAVELENGTHS = 10_000
-"""Far more rows than the table of the package has."""
+"""Limit far above the number of rows of the package's table."""
 HINGE_NM = 550.0
-"""Where the two powers of the wavelength meet."""
+"""Wavelength at which the two powers meet."""
 VI_STEP_MAG = 0.1
 VI_NODES_MAG: Floats = np.round(np.arange(-0.4, 4.45, VI_STEP_MAG), 1)
 EXCESS_NODES_MAG: Floats = np.array(
     [-1.5, -1.0, -0.7, -0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0]
 )
-"""B-V over that of the template at the same V-I; multiples of VI_STEP_MAG."""
+"""B-V minus that of the template at the same V-I; multiples of VI_STEP_MAG."""
 _EXCESS_COLUMNS: Floats = np.interp(
     np.arange(EXCESS_NODES_MAG[0], EXCESS_NODES_MAG[-1] + VI_STEP_MAG / 2, VI_STEP_MAG),
     EXCESS_NODES_MAG,
     np.arange(len(EXCESS_NODES_MAG)),
 )
-"""Fractional column at each multiple: looked up far faster than by searching the nodes."""
+"""Fractional column at each multiple, for a look-up that is much faster than searching the nodes."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def colours(spectra: Floats) -> tuple[Floats, Floats]:
 
 
 def tilted(spectra: Floats, bv_mag: Floats, vi_mag: Floats) -> Floats:
-    """Spectra (..., n) multiplied with powers of the wavelength below and above HINGE_NM until they have these colours."""
+    """Return spectra (..., n), multiplied by powers of the wavelength on both sides of HINGE_NM to have these colours."""
     logarithm = np.log(GRID_NM / HINGE_NM)
     sides = np.stack([np.minimum(logarithm, 0), np.maximum(logarithm, 0)])
     powers = np.zeros((*np.shape(spectra)[:-1], 2))
@@ -104,13 +104,13 @@ def tilted(spectra: Floats, bv_mag: Floats, vi_mag: Floats) -> Floats:
 
 @functools.cache
 def colour_grid() -> ColourGrid:
-    """Spectra from which those of all stars are interpolated."""
+    """Return the spectra from which those of all stars are interpolated."""
     spectra = templates()
     bv, vi = colours(spectra)
     place = np.interp(VI_NODES_MAG, vi, np.arange(len(vi)))
     lower = np.minimum(place.astype(np.intp), len(vi) - 2)
     weight = (place - lower)[:, None]
-    # Between templates the logarithm is linear: absorption by molecules multiplies.
+    # Between templates the logarithm is interpolated linearly, because absorption by molecules is multiplicative.
     between = np.exp((1 - weight) * np.log(spectra[lower]) + weight * np.log(spectra[lower + 1]))
     reference = np.interp(VI_NODES_MAG, vi, bv)
     wanted_bv = reference[:, None] + EXCESS_NODES_MAG
@@ -140,9 +140,9 @@ def star_spectra(v_mag: ArrayLike, bv_mag: ArrayLike, vi_mag: ArrayLike | None =
     Parameters
     ----------
     v_mag, bv_mag : (m,) array_like
-        Johnson.
+        Johnson V and B-V.
     vi_mag : (m,) array_like or None
-        V - I in Cousins' system; None: the usual one of B-V (:func:`generator.light.star_colours.usual_vi`).
+        V-I in Cousins' system; None for the usual one of B-V (:func:`generator.light.star_colours.usual_vi`).
 
     Returns
     -------

@@ -1,11 +1,11 @@
-"""What the naked eye can see: the faintest star against a sky."""
+"""Naked-eye visibility: the faintest star against a sky."""
 
 from __future__ import annotations
 
 import math
 
 TYPICAL_FIELD_FACTOR = 2.0
-"""Crumey's F, which gathers the observer's acuity and experience: 1.4 to 2.4."""
+"""Crumey's F, which combines the observer's acuity and experience: 1.4 to 2.4."""
 
 
 def naked_eye_limit(mag_arcsec2: float, field_factor: float = TYPICAL_FIELD_FACTOR) -> float:
@@ -17,7 +17,7 @@ def naked_eye_limit(mag_arcsec2: float, field_factor: float = TYPICAL_FIELD_FACT
     Parameters
     ----------
     mag_arcsec2 : float
-        V mag/arcsec^2.
+        Brightness of the sky, V mag/arcsec^2.
     field_factor : float
     """
     background = 10 ** ((12.58 - mag_arcsec2) / 2.5)

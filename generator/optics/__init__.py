@@ -1,1 +1,1 @@
-"""What lens and mount do to the image: point spread, stray light, motion during the exposure."""
+"""Effects of lens and mount on the image: point spread, stray light, motion during the exposure."""

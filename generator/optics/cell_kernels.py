@@ -1,4 +1,4 @@
-"""Arithmetic on cells of light in Dr.Jit: coarser and finer cells, Gaussian blur, and cells and pixels of a frame."""
+"""Arithmetic on cells of light in Dr.Jit: coarser and finer cells, Gaussian blur, and conversion between cells and pixels."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 LARGER_CELLS = ((-1, 0.125), (0, 0.375), (1, 0.375), (2, 0.125))
-"""Weights of cells, from the first of the two in a larger one: the transpose of linear interpolation."""
+"""Weights of cells in a larger cell, counted from the first of the two that it contains: the transpose of linear
+interpolation."""
 
 
 SMALLEST_SIGMA = 1e-3
-"""Cells; a divisor that is not 0."""
+"""Smallest sigma in cells, so that no divisor is 0."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Cells:
     Attributes
     ----------
     values : Float
-        Row by row.
+        Values, row by row.
     rows, columns : int
     """
 
@@ -41,16 +42,16 @@ class Cells:
 
     @classmethod
     def of(cls, array: Floats | Singles) -> Cells:
-        """From an array (rows, columns)."""
+        """Convert from an array (rows, columns)."""
         mi = mitsuba_runtime.start()
         return cls(mi.Float(aligned(np.ascontiguousarray(array, np.float32).ravel())), *array.shape)
 
     def array(self) -> Singles:
-        """The values, (rows, columns) array."""
+        """Return the values, (rows, columns) array."""
         return np.array(self.values).reshape(self.rows, self.columns)
 
     def lanes(self) -> tuple[Any, Any]:
-        """Row and column (Int32) of each cell."""
+        """Return row and column (Int32) of each cell."""
         mi = mitsuba_runtime.start()
         import drjit as dr
 
@@ -58,7 +59,7 @@ class Cells:
         return mi.Int32(lane // self.columns), mi.Int32(lane % self.columns)
 
     def at(self, row: Any, column: Any) -> Any:
-        """Values (Float) at rows and columns (Int32); the outermost beyond the edges."""
+        """Values (Float) at rows and columns (Int32); beyond the edges, those of the outermost cells."""
         mi = mitsuba_runtime.start()
         import drjit as dr
 
@@ -77,7 +78,7 @@ class Cells:
         return dr.lerp(upper, lower, down)
 
     def halved(self) -> Cells:
-        """Values on cells of twice the side, of which each holds four; the light's centroid does not move."""
+        """Values on cells of twice the side, each of which contains four; the light's centroid does not move."""
         import drjit as dr
 
         rows, columns = self.rows // 2, self.columns // 2
@@ -92,11 +93,11 @@ class Cells:
         return Cells(total, rows, columns)
 
     def blurred(self, sigma: float, share: float) -> Cells:
-        """A share of the values, convolved with a Gaussian of sigma cells; nothing comes from beyond the edges."""
+        """A fraction of the values, convolved with a Gaussian of sigma cells; no light comes from beyond the edges."""
         import drjit as dr
 
         radius = int(TRUNCATE * sigma + 0.5)
-        # A sigma of 0, of wings that cells blur enough by themselves, has one weight, of distance 0.
+        # A sigma of 0, for wings that cells blur enough by themselves, has a single weight at distance 0.
         weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / max(sigma, SMALLEST_SIGMA)) ** 2)
         weights /= weights.sum()
         row, column = self.lanes()
@@ -108,7 +109,7 @@ class Cells:
         return Cells(blurred, self.rows, self.columns)
 
     def _sum(self, weights: Floats, place: Callable[[int], tuple[Any, Any, Any, int]]) -> Any:
-        """Weighted sum over steps; `place` gives row, column, and of these the one that moves with its size."""
+        """Weighted sum over steps; `place` returns row, column, and the one of the two that moves, with its size."""
         mi = mitsuba_runtime.start()
         import drjit as dr
 
@@ -134,18 +135,18 @@ class Cells:
 
 @dataclass(frozen=True)
 class PixelSums:
-    """Which pixels count in a cell.
+    """Pixels that contribute to a cell.
 
     Attributes
     ----------
     side : int
-        Of a cell, px.
+        Side of a cell, px.
     planes : int
-        Values of a pixel.
+        Number of values of a pixel.
     parts : tuple of (row, column, plane, weight)
-        Places in a cell.
+        Contributing places in a cell.
     mirrored : bool
-        Whether the frame goes on beyond its last pixels, mirrored at them, or ends there.
+        Whether the frame continues beyond its last pixels, mirrored at them, or ends there.
     """
 
     side: int
@@ -160,7 +161,7 @@ def on_pixels(cells: Cells, side: int, first: int, shape: tuple[int, int]) -> An
     Parameters
     ----------
     cells : Cells
-        Of side x side px.
+        Cells of side x side px.
     side : int
     first : int
         Row and column of the cell in the frame's corner.
@@ -179,9 +180,9 @@ def of_pixels(image: Any, shape: tuple[int, int], sums: PixelSums, rows: Any, co
     Parameters
     ----------
     image : Float
-        Pixel by pixel, of a frame of
+        Values of a frame, pixel by pixel.
     shape : tuple of int
-        Height and width.
+        Height and width of the frame.
     sums : PixelSums
     rows, columns : Int32
     """

@@ -1,9 +1,10 @@
 """Drift of lens and mount with time and temperature.
 
-What wanders is an Ornstein-Uhlenbeck process (Uhlenbeck & Ornstein 1930, Phys. Rev. 36, 823): stationary, Gaussian, with
-correlation exp(-|t| / time constant). It is a function of the scenario's seed and of the time alone, so that any frame can
-be made by itself: a first-order autoregression on steps of 1/32 of the time constant, summed over the last 8 time constants,
-with innovations that are drawn in blocks by number, and a line between steps whose variance is restored.
+Each drifting quantity is an Ornstein-Uhlenbeck process (Uhlenbeck & Ornstein 1930, Phys. Rev. 36, 823): stationary,
+Gaussian, with correlation exp(-|t| / time constant). It is a function of only the scenario's seed and the time, so that
+any frame can be rendered by itself. The process is a first-order autoregression on steps of 1/32 of the time constant,
+summed over the last 8 time constants, with innovations that are drawn in numbered blocks; between steps it is
+interpolated linearly, and its variance restored.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ from generator.seeds import random_stream
 
 STEPS_PER_CONSTANT = 32
 BLOCK = 256
-"""Innovations of one draw, and steps that are summed: the rest has exp(-16) of the variance."""
+"""Number of innovations per draw, and of steps that are summed: the rest has exp(-16) of the variance."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """How far lens and mount are from what is told of them.
+    """Deviation of lens and mount from their calibration, which solvers receive.
 
     Attributes
     ----------
     focal_ppm : float
-        Of the focal length, parts per million.
+        Deviation of the focal length, parts per million.
     principal_point_px : (u, v)
     mount_deg : (x, y, z)
-        Rotation vector about the camera's axes, deg: takes the told camera frame to the true one.
+        Rotation vector about the camera's axes, deg, from the calibrated camera frame to the true one.
     """
 
     focal_ppm: float
@@ -44,11 +45,11 @@ class Drift:
 
     @property
     def turn(self) -> NDArray[np.float64]:
-        """Rotation from the told camera frame to the true one, (3, 3)."""
+        """Rotation from the calibrated camera frame to the true one, (3, 3)."""
         return Rotation.from_rotvec(self.mount_deg, degrees=True).as_matrix()
 
     def camera(self, told: CameraSpec) -> CameraSpec:
-        """The camera as it is."""
+        """Return the true camera for a calibrated one."""
         lens = told.projection
         u_px, v_px = self.principal_point_px
         moved = told.model_copy(
@@ -63,7 +64,7 @@ class Drift:
         return moved.resting_as(told)
 
     def motion(self, told: Motion) -> Motion:
-        """The attitude as it is; a gyroscope's readings stay along the told axes."""
+        """Return the true attitude for a calibrated one; a gyroscope's readings remain along the calibrated axes."""
         return replace(told, R_cam=self.turn @ told.R_cam, R_mid=self.turn @ told.R_mid)
 
 
@@ -91,7 +92,7 @@ def drift_at(spec: DriftSpec, seed: int, mjd: float, temperature_c: float) -> Dr
 
 
 def wander(seed: int, name: str, time: float, time_constant: float) -> float:
-    """A process of unit variance at a time, both times in one unit; the same for every caller of this seed and name."""
+    """Value of a process of unit variance at a time in the same unit as its time constant; fixed by seed and name."""
     place = time / (time_constant / STEPS_PER_CONSTANT)
     first = math.floor(place)
     weight = place - first
@@ -102,6 +103,6 @@ def wander(seed: int, name: str, time: float, time_constant: float) -> float:
     kept = math.exp(-1 / STEPS_PER_CONSTANT)
     fading = kept ** np.arange(BLOCK)[::-1] * math.sqrt((1 - kept**2) / (1 - kept ** (2 * BLOCK)))
     before, after = fading @ innovations[:-1], fading @ innovations[1:]
-    # Between steps a line would have less variance than at them.
+    # Between steps, linear interpolation would have less variance than at them.
     variance = 1 - 2 * weight * (1 - weight) * (1 - kept)
     return float(((1 - weight) * before + weight * after) / math.sqrt(variance))

@@ -1,7 +1,7 @@
 """Dust on a dome, a window or the front of a lens: soft round shadows, out of focus.
 
-A speck in front of the lens takes away the part of the pupil that it covers; its shadow is as wide as the pupil's footprint
-on the surface that it lies on, seen from the sensor. What it scatters is part of the lens' wings (`camera.bloom`,
+A speck in front of the lens blocks the part of the pupil that it covers; its shadow is as wide as the pupil's footprint
+on the surface with the speck, seen from the sensor. Light that it scatters is part of the lens' wings (`camera.bloom`,
 `camera.dew`).
 """
 
@@ -16,13 +16,14 @@ from generator.scenario.lens.stray_light_spec import DustSpec
 
 Floats = NDArray[np.float64]
 LEAST_LIGHT = 0.2
-"""Specks that lie on each other leave at least this part of the light."""
+"""Overlapping specks leave at least this fraction of the light."""
 
 
 def dust_shadows(dust: DustSpec, width: int, height: int, random: np.random.Generator) -> NDArray[np.float32]:
-    """Part of the light that dust leaves at each pixel, (height, width) array.
+    """Fraction of the light that passes the dust at each pixel, (height, width) array.
 
-    Middles are even over the frame and its rim, depths exponential about their mean; a shadow falls off as a raised cosine.
+    Centres are uniform over the frame and its rim, depths are exponentially distributed about their mean, and a shadow
+    falls off as a raised cosine.
     """
     rim = dust.diameter_px / 2
     left = np.ones((height, width))

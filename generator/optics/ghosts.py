@@ -1,8 +1,8 @@
-"""Ghosts: light that is reflected twice in a lens falls into an image of its pupil.
+"""Ghosts: light that is reflected twice in a lens forms an image of its pupil.
 
-To first order that image is a disk whose middle lies at a fixed multiple of the point's own distance from the principal
-point, negative beyond it (Lee & Eisemann 2013, "Practical real-time lens-flare rendering", Computer Graphics Forum 32(4), 1:
-lens systems as matrices).
+To first order that image is a disk whose centre is at a fixed multiple of the point's own distance from the principal
+point, negative beyond it (Lee & Eisemann 2013, "Practical real-time lens-flare rendering", Computer Graphics Forum 32(4),
+1: lens systems as matrices).
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ Floats = NDArray[np.float64]
 FINE = 5
 """Samples per cell and axis where a disk's edge crosses it."""
 CELLS_ACROSS = 20
-"""Least number of cells across a ghost's disk, as long as cells are larger than pixels."""
+"""Least number of cells across a ghost's disk, if cells are larger than pixels."""
 LEAST_EXPANSION = 0.5
-"""Magnification from which the sky's ghost is looked up; smaller ones gather the sky's cells."""
+"""Magnification from which the sky's ghost is looked up per cell; for smaller ones the sky's cells are gathered."""
 
 
 def ghost_light(
     ghost: GhostSpec, sky: Floats, points: Sequence[tuple[Floats, Floats, Floats]], grid: CellGrid, camera: CameraSpec
 ) -> Any:
-    """Electrons that a ghost brings to each pixel, a Float (height x width,).
+    """Electrons that a ghost contributes to each pixel, a Float (height x width,).
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def ghost_light(
     grid : CellGrid
     camera : CameraSpec
     """
-    # Takes a quarter of a second to import, which frames without ghosts need not wait for.
+    # This import takes a quarter of a second, which frames without ghosts need not wait for.
     from scipy.signal import fftconvolve
 
     side = 2 ** max(0, min(3, math.floor(math.log2(ghost.diameter_px / CELLS_ACROSS))))
@@ -61,7 +61,7 @@ def ghost_light(
 
 @functools.lru_cache(maxsize=16)
 def disk(diameter: float) -> Floats:
-    """An evenly lit disk on whole cells, with sum 1; cells on its edge by their area within it."""
+    """Return a uniform disk on whole cells, with sum 1; cells on its edge are weighted by their area within it."""
     half = int(np.ceil(diameter / 2 + 0.5))
     fine = (np.arange((2 * half + 1) * FINE) + 0.5) / FINE - half - 0.5
     inside = (np.hypot(fine, fine[:, None]) <= diameter / 2).astype(np.float64)
@@ -70,7 +70,7 @@ def disk(diameter: float) -> Floats:
 
 
 def _moved(u: Floats, v: Floats, ghost: GhostSpec, camera: CameraSpec) -> tuple[Floats, Floats]:
-    """Middles of the ghosts of points, px."""
+    """Centres of the ghosts of points, px."""
     middle = camera.projection
     return (
         middle.cx_px + ghost.magnification * (u - middle.cx_px),
@@ -79,7 +79,7 @@ def _moved(u: Floats, v: Floats, ghost: GhostSpec, camera: CameraSpec) -> tuple[
 
 
 def _gathered(u: Floats, v: Floats, light: Floats, shape: tuple[int, int], rim: int, side: int) -> Floats:
-    """Points of light shared between the four nearest cells."""
+    """Distribute points of light over the four nearest cells."""
     with np.errstate(invalid="ignore"):
         column, row = ((place + 0.5) / side - 0.5 + rim for place in (u, v))
         inside = (column >= 0) & (row >= 0) & (column < shape[1] - 1) & (row < shape[0] - 1)

@@ -1,8 +1,8 @@
-"""Light on cells of a few pixels over the frame and its surroundings, and smooth light on cells back on pixels.
+"""Light on cells of a few pixels over the frame and its surroundings, and interpolation of smooth light back to pixels.
 
-The finest cells cover the frame and a rim, each level has cells of twice the side, and the coarsest, of
-:data:`generator.optics.wings.COARSE_PX`, extend to a margin around the frame from where scattered light still reaches it. All
-values are densities: electrons per pixel.
+The finest cells cover the frame and a rim, and each level has cells of twice the side. The coarsest, of
+:data:`generator.optics.wings.COARSE_PX`, extend over a margin around the frame from which scattered light still reaches
+it. All values are densities: electrons per pixel.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 RIM = 5
-"""Coarse cells around the frame in which light is kept on fine cells, as far as the Gaussians of these reach."""
+"""Width in coarse cells of the rim around the frame with fine cells, as far as their Gaussians reach."""
 
 
 @dataclass(frozen=True)
 class PointPlaces:
-    """Where points of light fall on a grid's cells.
+    """Places of points of light on a grid's cells.
 
     Attributes
     ----------
     near, far : (k,), (l,) arrays
         Indices of the points on fine cells, and of the others.
     cells, shares : (4 k,) arrays
-        Fine cells, and shares of the light: the first corner of all near points, then the second, third, fourth.
+        Fine cells, and fractions of the light: the first corner for all near points, then the second, third and fourth.
     far_u, far_v : (l,) arrays
         Places of the others, px.
     """
@@ -55,11 +55,11 @@ class CellGrid:
     Attributes
     ----------
     width, height : int
-        Of the frame, px.
+        Size of the frame, px.
     fine_px : int
-        Side of the finest cells, px; a power of two, COARSE_PX at most.
+        Side of the finest cells, px; a power of two, at most COARSE_PX.
     margin : int
-        Coarse cells around the frame; RIM at least.
+        Coarse cells around the frame; at least RIM.
     """
 
     width: int
@@ -91,7 +91,7 @@ class CellGrid:
         Parameters
         ----------
         frame : Float
-            Pixel by pixel.
+            Values, pixel by pixel.
         sums : PixelSums
             How pixels make up cells.
         around : (rows, columns) array
@@ -121,7 +121,7 @@ class CellGrid:
         return Cells(light, *self.fine_shape)
 
     def place(self, u: Floats, v: Floats) -> PointPlaces:
-        """Where points of light (n,) fall: on their four nearest fine cells, or on a coarse cell beyond the rim."""
+        """Place points of light (n,) on their four nearest fine cells, or on a coarse cell beyond the rim."""
         rows, columns = self.fine_shape
         first = RIM * COARSE_PX
         column, row = ((place + 0.5 + first) / self.fine_px - 0.5 for place in (u, v))
@@ -142,7 +142,7 @@ class CellGrid:
         Returns
         -------
         array of `fine_shape` or None
-            None where all lie beyond the rim.
+            Light on fine cells; None if all points are beyond the rim.
         """
         self._add_far(around, places.far_u, places.far_v, electrons[places.far])
         if not len(places.near):
@@ -153,7 +153,7 @@ class CellGrid:
         return np.bincount(places.cells, light, rows * columns).reshape(rows, columns).astype(np.float32)
 
     def _add_far(self, around: Floats, u: Floats, v: Floats, electrons: Floats) -> None:
-        """Add points of light beyond the rim to the coarse cells that they lie in."""
+        """Add points of light beyond the rim to the coarse cells that contain them."""
         with np.errstate(invalid="ignore"):
             column, row = (np.floor((place + 0.5) / COARSE_PX) + self.margin for place in (u, v))
             inside = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])

@@ -1,11 +1,11 @@
-"""How the camera turns while the shutter is open, and what a gyroscope on it would read.
+"""Rotation of the camera during the exposure, and the readings of a gyroscope on it.
 
 Body rates are about the camera's axes (x right, y down, z along the boresight): the attitude R (world to camera) obeys
-dR/dt = -[omega]x R. Vibration is a stationary Gaussian process made from its one-sided power spectral density as a sum of
-cosines with Rayleigh amplitudes and uniform phases (Shinozuka & Deodatis 1991, Applied Mechanics Reviews 44, 191). A gimbal's
-jitter is an Ornstein-Uhlenbeck process, drawn with its exact transition (Gillespie 1996, Phys. Rev. E 54, 2084). The
-gyroscope's reading is the mean rate over each sampling interval plus bias and white noise (IEEE Std 952, angle random walk:
-noise density over the square root of the interval).
+dR/dt = -[omega]x R. Vibration is a stationary Gaussian process, synthesised from its one-sided power spectral density as
+a sum of cosines with Rayleigh amplitudes and uniform phases (Shinozuka & Deodatis 1991, Applied Mechanics Reviews 44,
+191). A gimbal's jitter is an Ornstein-Uhlenbeck process, drawn with its exact transition (Gillespie 1996, Phys. Rev. E
+54, 2084). The gyroscope's reading is the mean rate over each sampling interval plus bias and white noise (IEEE Std 952,
+angle random walk: noise density over the square root of the interval).
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class ImuReading:
     time_s : (m,) array
         End of each sampling interval, s from the start of the shutter's time.
     rate_deg_s : (m, 3) array
-        About x, y, z.
+        Rates about x, y, z.
     bias_deg_s : (3,) array
-        The bias in them.
+        Bias that the rates contain.
     """
 
     time_s: Floats
@@ -59,11 +59,11 @@ class Motion:
     Attributes
     ----------
     time_s : (k,) array
-        Evenly spaced, s from the start.
+        Evenly spaced times, s from the start.
     R_cam : (k, 3, 3) array
-        ENU to camera.
+        Attitudes, ENU to camera.
     R_mid : (3, 3) array
-        At the middle.
+        Attitude at the middle.
     imu : ImuReading or None
     """
 
@@ -81,13 +81,13 @@ def plan_motion(spec: FrameSpec, seed: int, index: int, path: Path | None = None
     spec : FrameSpec
     seed, index : int
     path : callable, optional
-        Attitudes (east-north-up to camera) at times (k) after the start of the exposure, of a camera that is carried along a
-        path; its own motion adds to them. The frame's attitude unless given.
+        Attitudes (east-north-up to camera) at times (k) after the start of the exposure, for a camera that is carried
+        along a path; its own motion is added. By default, the frame's attitude.
 
     Raises
     ------
     MotionError
-        A gyro log that does not cover the exposure, or vibration too fast for the number of samples.
+        A gyro log does not cover the exposure, or vibration is too fast for the number of samples.
     """
     motion, duration = spec.motion, spec.shutter_s
     nominal = Rotation.from_matrix(spec.R_cam)
@@ -111,7 +111,7 @@ def plan_motion(spec: FrameSpec, seed: int, index: int, path: Path | None = None
 
 
 def _carried(motion: MotionSpec, path: Path, duration_s: float, stream: Stream) -> Motion:
-    """Attitudes on a path, exact at the middle where the camera has no motion of its own."""
+    """Attitudes on a path; exact at the middle if the camera has no motion of its own."""
     check_motion(motion, duration_s)
     time, middle = np.linspace(0.0, duration_s, motion.samples), np.array([duration_s / 2])
     own = body_rotation(motion, time, duration_s, stream)
@@ -141,12 +141,12 @@ def vibration(part: VibrationSpec, time_s: Floats, random: np.random.Generator) 
     """Angle, deg, at times (k,) of a Gaussian process with the part's one-sided power spectral density."""
     frequency, density = np.array(part.psd_deg2_hz).T
     span = max(time_s[-1] - time_s[0], 1e-6)
-    # Tones closer than the time's own resolution, so that the process does not repeat within it.
+    # The tones are closer than the time's own resolution, so that the process does not repeat within it.
     count = int(np.clip(np.ceil((frequency[-1] - frequency[0]) * span * 4), 64, MOST_TONES))
     edges = np.linspace(frequency[0], frequency[-1], count + 1)
     tones, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
     power = np.interp(tones, frequency, density) * width
-    # Normal sine and cosine parts: Rayleigh amplitudes and uniform phases.
+    # Normal sine and cosine amplitudes are equivalent to Rayleigh amplitudes and uniform phases.
     cosine, sine = random.normal(size=(2, count)) * np.sqrt(power)
     phase = 2 * np.pi * np.outer(time_s, tones)
     return np.cos(phase) @ cosine + np.sin(phase) @ sine
@@ -164,7 +164,7 @@ def gimbal_jitter(gimbal: GimbalSpec, time_s: Floats, random: np.random.Generato
 
 
 def _logged_rotation(log: Floats, time_s: Floats, middle_s: float) -> Rotation:
-    """Rotations from mid-exposure, by the log's rates, linear between its rows, with the midpoint rule."""
+    """Rotations relative to mid-exposure from the log's rates, linear between its rows, with the midpoint rule."""
     moments = np.unique(np.concatenate([log[:, 0], time_s, [middle_s]]))
     halfway = (moments[1:] + moments[:-1]) / 2
     rates = np.stack([np.interp(halfway, log[:, 0], log[:, axis]) for axis in (1, 2, 3)], axis=1)

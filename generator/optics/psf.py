@@ -8,11 +8,13 @@ Parts of a point spread function convolve, so their transfer functions multiply:
 - diffraction: that of a pupil with aberrations over the field (:mod:`generator.optics.pupil`);
 - Moffat's profile (Moffat 1969, A&A 3, 455), transformed numerically;
 - a user's stack, transformed numerically;
-- the pixel itself: sinc(w f_u) sinc(h f_v), w and h the sides of its sensitive area (1 unless given), times the Gaussian of
-  the charge's diffusion. It is normalised to a mean of 1 over all places of a star within a pixel (the quantum efficiency
-  holds the insensitive part already), so that electrons depend on where in a pixel a star falls when w or h is below 1.
+- the pixel itself: sinc(w f_u) sinc(h f_v), w and h the sides of its sensitive area (1 unless given), times the Gaussian
+  of the charge's diffusion. It is normalised to a mean of 1 over all places of a star within a pixel (the quantum
+  efficiency already accounts for the insensitive part), so that electrons depend on the place of a star within a pixel if
+  w or h is below 1.
 
-Light beyond the support is not drawn and not renormalised away: the table's sum is the energy encircled by the support.
+Light beyond the support is not drawn, and the rest is not renormalised: the table's sum is the energy encircled by the
+support.
 """
 
 from __future__ import annotations
@@ -36,13 +38,13 @@ Floats = NDArray[np.float64]
 FINE_PER_PX = 8
 """Samples of a stamp per pixel."""
 FIELD_NODES = 5
-"""Nodes of the field grid along each axis, where the point spread function varies, that are computed."""
+"""Computed nodes of the field grid along each axis, if the point spread function varies."""
 FINE_FIELD_NODES = 9
-"""The same where it depends on the field by Gaussians alone: then one band is enough, and the table stays small."""
+"""Nodes if it depends on the field only by Gaussians: then one band is enough, and the table stays small."""
 BAND_COUNT = 4
-"""Wavelength bands, where it depends on wavelength."""
+"""Number of wavelength bands, if it depends on wavelength."""
 CHROMATIC_SPAN_NM = 200.0
-"""From 450 to 650 nm, between which the lateral chromatic shift is stated."""
+"""Span from 450 to 650 nm, over which the lateral chromatic shift is stated."""
 MARGIN_PX = 4
 PSF_REACH_SIGMAS = 6.0
 """Equivalent standard deviations from a star within which its light counts."""
@@ -55,8 +57,8 @@ class PsfTable:
     Attributes
     ----------
     stamps : (bands, rows, columns, n, n) array
-        Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
-        radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
+        Fraction of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius -
+        0.5 to radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
     shift : (bands,) array
         Lateral chromatic shift of equal bands of the spectral range at the frame's corner, px.
     """
@@ -66,9 +68,9 @@ class PsfTable:
 
     @functools.cached_property
     def cumulated(self) -> Floats:
-        """Light on fine samples before each row and column, (bands, rows, columns, n + 1, n + 1) array.
+        """Cumulative light on fine samples before each row and column, (bands, rows, columns, n + 1, n + 1) array.
 
-        Fine samples integrate to the light: each stands for 1/FINE_PER_PX^2 of it, those on the rim for half as much.
+        Fine samples integrate to the light: each represents 1/FINE_PER_PX^2 of it, and those on the rim half as much.
         """
         size = self.stamps.shape[-1]
         result = np.zeros((*self.stamps.shape[:3], size + 1, size + 1))
@@ -81,9 +83,10 @@ class PsfTable:
 
     @functools.cached_property
     def light(self) -> tuple[Floats, Floats]:
-        """Sum of the light, (bands, rows, columns), and its first moment over the sum, px (u, v), (bands, rows, columns, 2).
+        """Sum of the light, (bands, rows, columns), and its normalised first moment, px (u, v), (bands, rows, columns, 2).
 
-        The moment is from the place of the star plus the band's lateral chromatic shift; samples on the rim count for half.
+        The moment is relative to the place of the star plus the band's lateral chromatic shift; samples on the rim count
+        half.
         """
         axis = (np.arange(self.stamps.shape[-1]) - self.stamps.shape[-1] // 2) / FINE_PER_PX
         weight = np.where(np.arange(len(axis)) % (len(axis) - 1) == 0, 0.5, 1.0) / FINE_PER_PX
@@ -96,7 +99,7 @@ class PsfTable:
 
     @property
     def by_phase(self) -> NDArray[np.float32]:
-        """The stamps' samples by their place within a pixel first: see :class:`generator.plugins.psf_atlas.PsfAtlas`."""
+        """The stamps' samples, ordered by their place within a pixel: see :class:`generator.plugins.psf_atlas.PsfAtlas`."""
         *nodes, size, _ = self.stamps.shape
         side = size // FINE_PER_PX + 1
         spare = side * FINE_PER_PX - size
@@ -117,12 +120,12 @@ class PsfTable:
             )  # fmt: skip
 
         halves = np.arange(FINE_PER_PX // 2, middle + 1, FINE_PER_PX)
-        # The rim of a square counts for half.
+        # The rim of a square counts half.
         return np.array([(square(h) + square(h - 1)) / 2 if h < middle else square(h) for h in halves])
 
     @functools.cached_property
     def beyond(self) -> Floats:
-        """Largest share of a pixel outside those squares, anywhere in the field and in any band, (radius + 1,) array."""
+        """Largest fraction in a pixel outside those squares, anywhere in the field and in any band, (radius + 1,) array."""
         largest = self.stamps.max(axis=(0, 1, 2))
         from_middle = np.abs(np.arange(len(largest)) - len(largest) // 2)
         distance = np.maximum(from_middle[:, None], from_middle)
@@ -131,7 +134,7 @@ class PsfTable:
 
 
 def psf_table(camera: CameraSpec) -> PsfTable:
-    """A camera's point spread function (its `psf` section, which must be given); of a drifting one that at rest."""
+    """Point spread function of a camera, which must have a `psf` section; for a drifting camera, that without drift."""
     return _tabulated(camera.resting)
 
 
@@ -143,7 +146,7 @@ def _tabulated(camera: CameraSpec) -> PsfTable:
     arrays = kept("psf", (camera,), lambda: _computed(camera, psf))
     stamps = np.asarray(arrays["stamps"], dtype=np.float32)
     if stamps.shape[1] > 1:
-        # Stars take the nearest node, so there are enough for the steps between them to be small.
+        # Stars use the nearest node, so there are enough nodes for the steps between them to be small.
         stamps = _between_nodes(_between_nodes(stamps, 1), 2)
     return PsfTable(stamps, np.asarray(arrays["shift"], dtype=np.float64))
 
@@ -183,7 +186,7 @@ def _between_nodes(stamps: NDArray[np.float32], axis: int) -> NDArray[np.float32
 
 
 def equivalent_sigma_px(camera: CameraSpec) -> float:
-    """Standard deviation, px, of the Gaussian with the same noise-equivalent area as the point spread function, on axis.
+    """Standard deviation, px, of the Gaussian with the noise-equivalent area of the point spread function, on axis.
 
     The noise-equivalent area 1 / sum(p^2) of a Gaussian is 4 pi (sigma^2 + 1/12), the pixel included (King 1983, PASP 95,
     163).
@@ -210,16 +213,16 @@ def pixel_psf(
     psf : PsfSpec
     wavelength_nm : float
     field : complex
-        Field position: distance and direction (u + iv) from the principal point over the corner's distance.
+        Field position: u + iv from the principal point, divided by the corner's distance.
     pixel_pitch_um : float or None
-        Needed for diffraction.
+        Pixel pitch, required for diffraction.
     off_axis_deg : float
         Angle from the axis, for a Gaussian that depends on it.
 
     Returns
     -------
     (n, n) array
-        Share of the light on a pixel whose centre lies (column, row) / FINE_PER_PX - support_px - 0.5 px from the star.
+        Fraction of the light on a pixel whose centre is (column, row) / FINE_PER_PX - support_px - 0.5 px from the star.
     """
     size_px = 2 * (psf.support_px + MARGIN_PX) + 2
     frequency: Floats = np.fft.fftfreq(size_px * FINE_PER_PX, 1 / FINE_PER_PX).astype(np.float64)
@@ -240,7 +243,7 @@ def pixel_psf(
     image = np.fft.fftshift(np.fft.ifft2(transfer).real) * FINE_PER_PX**2
     middle = len(frequency) // 2
     half = psf.support_px * FINE_PER_PX + FINE_PER_PX // 2
-    # Ringing of the band limit may leave values just below zero; a pixel receives no negative light.
+    # Ringing due to the band limit may leave values slightly below zero; a pixel receives no negative light.
     return np.maximum(image[middle - half : middle + half + 1, middle - half : middle + half + 1], 0)
 
 
@@ -275,13 +278,13 @@ def _moffat_transfer(moffat: MoffatSpec, f: Floats) -> Floats:
 
 
 def _stack_transfer(stack: PsfStackSpec, field: complex, frequency: Floats) -> NDArray[np.complex128]:
-    """Transfer function of a user's stack at a field position: blended between neighbours and turned with the field."""
+    """Transfer function of a user's stack at a field position: interpolated between neighbours and rotated with the field."""
     images = read_stack(stack.file, stack.oversampling)
     place = min(abs(field), 1.0) * (len(images) - 1)
     lower = min(int(place), max(len(images) - 2, 0))
     upper = min(lower + 1, len(images) - 1)
     image = (1 - (place - lower)) * images[lower] + (place - lower) * images[upper]
-    # Turned so that the stack's +u axis points away from the principal point.
+    # Rotated so that the stack's +u axis points away from the principal point.
     angle = float(np.angle(field))
     middle = (np.array(image.shape) - 1) / 2
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -293,7 +296,7 @@ def _stack_transfer(stack: PsfStackSpec, field: complex, frequency: Floats) -> N
     columns = (np.arange(image.shape[1]) - middle[1]) / stack.oversampling
     down = np.exp(-2j * np.pi * np.outer(frequency, rows))
     across = np.exp(-2j * np.pi * np.outer(columns, frequency))
-    # Samples stand for the band-limited function through them: their spectrum repeats beyond this frequency.
+    # Samples represent the band-limited function through them: their spectrum repeats beyond this frequency.
     beyond = np.abs(frequency) >= stack.oversampling / 2
     down[beyond], across[:, beyond] = 0, 0
     return down @ image @ across

@@ -2,9 +2,9 @@
 
 The image of a point is |transform of the pupil|^2, the pupil a unit disk with a phase of Noll's Zernike polynomials (Noll
 1976, JOSA 66, 207), here in Noll's normalisation (rms 1 over the disk) and numbering: Airy's pattern without aberrations
-(Goodman, Introduction to Fourier Optics, sections 4.4 and 6.4). Coefficients are polynomials of the field position, as nodal
-aberration theory has them for lenses whose parts are displaced or tilted (Thompson 2005, JOSA A 22, 1389): coma that vanishes
-at a displaced node is a term linear in the field and a constant one.
+(Goodman, Introduction to Fourier Optics, sections 4.4 and 6.4). Coefficients are polynomials of the field position, as in
+nodal aberration theory for lenses with displaced or tilted parts (Thompson 2005, JOSA A 22, 1389): coma that vanishes at
+a displaced node is a term linear in the field and a constant one.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 REFERENCE_NM = 550.0
 """Wavelength of the waves of aberrations, and the one without lateral chromatic shift."""
 FEWEST_SAMPLES, MOST_SAMPLES = 192, 768
-"""Across four pupil radii."""
+"""Limits of the number of samples across four pupil radii."""
 SAMPLES_PER_SLOPE = 12.0
-"""Samples per wave and radius of the steepest wavefront: a third of a wave from one to the next."""
+"""Samples per wave and radius of the steepest wavefront: a third of a wave between neighbours."""
 
 
 def noll_degrees(number: int) -> tuple[int, int]:
@@ -71,8 +71,8 @@ def pupil_transfer(
 ) -> NDArray[np.complex128]:
     """Transfer function at frequencies (cycles per px, along both axes), (n, n) array.
 
-    Without aberrations in closed form; with them the autocorrelation of the pupil, sampled so finely that the wavefront
-    turns by a third of a wave between samples.
+    Without aberrations it has a closed form; with them it is the autocorrelation of the pupil, sampled so finely that the
+    wavefront changes by a third of a wave between samples.
     """
     cutoff = 1000 * pixel_pitch_um / (wavelength_nm * diffraction.f_number)
     terms = wavefront_terms(diffraction, field)
@@ -108,7 +108,7 @@ def _pupil_grid(samples: int) -> tuple[Floats, Floats, float]:
 
 
 def _wavefront(terms: dict[int, float], rho: Floats, theta: Floats) -> Floats:
-    """Wavefront in waves; beyond the rim as on it."""
+    """Wavefront in waves; beyond the rim, the value on the rim."""
     within = np.minimum(rho, 1.0)
     return sum((value * zernike(number, within, theta) for number, value in terms.items()), np.zeros_like(rho))
 

@@ -1,15 +1,16 @@
-"""Scratches, chips and dirt of a dome: streaks and specks of light around bright sources, the same ones wherever a camera is.
+"""Scratches, chips and dirt of a dome: streaks and specks of light around bright sources, fixed to the dome.
 
-A scratch scatters light into a narrow fan of directions (Bosch et al. 2004, Computer Graphics Forum 23(3), 361), so that a
-few of many shine at a time, and others as the source moves. The law here is skybench's own, after the statistics of two
-photographs of an all-sky camera under the Moon: streaks lie at random angles to the direction of the Moon, by eye none
-shines in both, and their light per area at 26, 34 and 47 deg from the Moon is 0.8, 0.4 and 0.1 of that at 19 deg, here by
-(1 + (angle / 25 deg)^2)^-2. Dirt is the same with short and wide streaks, wider lobes and a slower fall: what is 2 to 16 px
-wide in those photographs falls by (angle)^-1.3 from 20 to 70 deg from the Moon, and a third of it shines in both. The light
-is added: less than a thousandth of the source's by scratches, less than a hundredth by dirt.
+A scratch scatters light into a narrow fan of directions (Bosch et al. 2004, Computer Graphics Forum 23(3), 361), so that
+a few of many shine at a time, and others as the source moves. The law here is skybench's own, after the statistics of two
+photographs of an all-sky camera under the Moon: streaks are at random angles to the direction of the Moon, none visibly
+shines in both, and their light per area at 26, 34 and 47 deg from the Moon is 0.8, 0.4 and 0.1 of that at 19 deg,
+modelled by (1 + (angle / 25 deg)^2)^-2. Dirt is modelled likewise with short and wide streaks, wider lobes and a slower
+decrease: structures 2 to 16 px wide in those photographs fall as (angle)^-1.3 from 20 to 70 deg from the Moon, and a
+third of them shine in both. The light is added: less than a thousandth of the source's by scratches, less than a
+hundredth by dirt.
 
-What lies on a dome (`before_lens`) is lit by the source as it stands in the sky, whatever the lens keeps of its image, and is
-seen through the lens at its own place: both ends of the path are those of radiometry, with no number of their own.
+Marks on a dome (`before_lens`) are lit by the source in the sky, however much the lens vignettes its image, and are seen
+through the lens at their own place: both ends of the path follow from radiometry, without further parameters.
 """
 
 from __future__ import annotations
@@ -28,16 +29,17 @@ from generator.scenario.lens.stray_light_spec import ScratchSpec
 Floats = NDArray[np.float64]
 LensLight = Callable[[Floats, Floats], Floats]
 LEAST_ELECTRONS = 1.0
-"""Of a streak; fainter ones are not drawn, nor are sources looked at that give less on average."""
+"""Least electrons of a streak; fainter ones are not drawn, and sources that give less on average are skipped."""
 REACH_SIGMAS = 4.0
 SOURCES_AT_ONCE = 64
 STEP_PX = 0.5
 SHARED_PX2 = 1 / 6
-"""Variance along an axis of a point that is shared by the pixels beside it, mean over its places."""
+"""Variance along an axis of a point that is distributed over the adjacent pixels, mean over its places."""
 CELL_PX = 8.0
-"""Of the cells in which sources are gathered: the Moon's disk and its moments are many points."""
+"""Side of the cells in which sources are gathered, because the Moon's disk and its moments are many points."""
 LEAST_LENS_LIGHT = 0.05
-"""Of a source's place: light that the lens keeps next to nothing of tells nothing of the source."""
+"""Least relative light of the lens at a source's place: where the lens passes almost nothing, nothing is known of the
+source."""
 
 
 def scratch_light(
@@ -53,13 +55,13 @@ def scratch_light(
     ----------
     spec : ScratchSpec
     points : sequence of (u, v, electrons)
-        Sources, px, in the frame or not, NaN where the lens images nothing: (m,), (m,), (m, channels) arrays.
+        Sources, px, inside or outside the frame, NaN where the lens images nothing: (m,), (m,), (m, channels) arrays.
     camera : CameraSpec
     random : Generator
-        Of the camera, the same for all its frames.
+        Random generator of the camera, the same for all its frames.
     lens_light : callable, optional
-        Of places u, v, px, (n,) arrays: part of the light on the axis that the lens passes there, (n,) array. Used of what is
-        `before_lens`; without it the lens passes all light everywhere.
+        Function of places u, v, px, (n,) arrays: fraction of the light on the axis that the lens passes there, (n,)
+        array. It is used for marks with `before_lens`; without it the lens passes all light everywhere.
     """
     u, v = random.uniform(0, camera.width, spec.number) - 0.5, random.uniform(0, camera.height, spec.number) - 0.5
     direction, turn = random.uniform(0, math.pi, spec.number), random.uniform(-math.pi, math.pi, spec.number)
@@ -95,7 +97,7 @@ def scratch_light(
 
 
 def _gathered(u: Floats, v: Floats, electrons: Floats) -> tuple[Floats, Floats, Floats]:
-    """Sources as sums over cells."""
+    """Gather sources as sums over cells."""
     imaged = np.isfinite(u + v)
     places, cell = np.unique(np.floor(np.stack([u, v], axis=1)[imaged] / CELL_PX), axis=0, return_inverse=True)
     light = np.zeros((len(places), electrons.shape[1]))
@@ -105,7 +107,7 @@ def _gathered(u: Floats, v: Floats, electrons: Floats) -> tuple[Floats, Floats, 
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Middles, directions (rad) and lengths of lines, px, (n,) arrays."""
+    """Centres, directions (rad) and lengths of lines, px, (n,) arrays."""
 
     u: Floats
     v: Floats
@@ -114,7 +116,7 @@ class _Lines:
 
 
 def _drawn(lines: _Lines, light: Floats, sigma: float, camera: CameraSpec) -> NDArray[np.float32]:
-    """Evenly lit lines with a Gaussian profile: points at most `STEP_PX` apart, shared by four pixels each, and smoothed."""
+    """Evenly lit lines with a Gaussian profile: points at most `STEP_PX` apart, each spread over four pixels, smoothed."""
     rim = math.ceil(REACH_SIGMAS * sigma + lines.length.max(initial=0) / 2) + 1
     points = np.ceil(lines.length / STEP_PX).astype(int)
     line = np.repeat(np.arange(len(points)), points)

@@ -1,17 +1,17 @@
-"""Light that a lens sends astray: wings around everything that shines, veiling glare, haze, and ghosts.
+"""Stray light of a lens: wings around all sources, veiling glare, haze, and ghosts.
 
 - Wings: :mod:`generator.optics.wings`.
-- Veiling glare: what has lost its direction in the lens and its barrel falls evenly on the sensor. Its measure is that of
-  ISO 9358 (Veiling glare of image-forming systems): of an evenly lit hemisphere, the share that reaches the image of a black
-  spot. Here that share is of the hemisphere's mean radiance, weighted as the entrance pupil sees it.
-- Haze: what a scratched dome or window scatters widely reaches the lens from everywhere, as an even field would. Its measure
-  is the field's radiance over the hemisphere's mean. It falls within the image circle, with the lens' vignetting
+- Veiling glare: light that has lost its direction in the lens and its barrel falls evenly on the sensor. Its measure is
+  that of ISO 9358 (Veiling glare of image-forming systems): for an evenly lit hemisphere, the fraction that reaches the
+  image of a black spot. Here it is a fraction of the hemisphere's mean radiance, weighted as the entrance pupil sees it.
+- Haze: light that a scratched dome or window scatters widely reaches the lens from everywhere, like a uniform field. Its
+  measure is the field's radiance over the hemisphere's mean. It falls within the image circle, with the lens' vignetting
   (:mod:`generator.frame.scattered_light`).
 - Ghosts: :mod:`generator.optics.ghosts`.
 
-Each takes its share from the image of a point and gives it to all pixels, in the frame or not: light is moved, not made. An
-evenly lit field keeps its brightness. Stars, planets, the Moon, lamps, flying objects and the diffuse sky are treated alike,
-inside the frame and around it, as far as the wings reach and the lens sees.
+Each takes its fraction from the image of a point and distributes it over all pixels, inside or outside the frame: light
+is moved, not created. A uniform field keeps its brightness. Stars, planets, the Moon, lamps, flying objects and the
+diffuse sky are treated alike, inside the frame and around it, as far as the wings reach and the lens sees.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from generator.scenario.lens.stray_light_spec import BarrelRingSpec, BloomSpec
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Pattern = tuple[tuple[int, int], tuple[int, int]]
-"""Channel of the pixels of the first 2 x 2, by row and column."""
+"""Channels of the first 2 x 2 pixels, by row and column."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class PointSources:
     Attributes
     ----------
     u_px, v_px : (m,) arrays
-        Where it falls, also outside the frame; NaN where the lens does not image it.
+        Places of the points, also outside the frame; NaN if the lens does not image them.
     electrons : (m, channels) array
     """
 
@@ -65,11 +65,11 @@ class Surround:
     sky : (n, channels) array
         Electrons per pixel from the diffuse sky in the coarse cells of `generator.optics.light_cells.cells_outside`.
     hemisphere : (channels,) array
-        Electrons of a pixel on the axis if the lens saw the mean of all light in front of it, points included.
+        Electrons of a pixel on the axis that receives the mean of all light in front of the lens, points included.
     walls: (3, azimuths, channels) array; azimuths are 0 for a lens without a barrel's ring
-        Electrons of a pixel on the axis if the lens saw a white Lambert wall around itself, by azimuth from +u to +v, even
-        steps: that wall lit by all light in front of it, from the other side; and the lobes of light of its own and of the
-        other side.
+        Electrons of a pixel on the axis that receives the light of a white Lambertian wall around the lens, by azimuth
+        from +u to +v in equal steps: the wall lit by all light in front of it, from the opposite side; then the lobes of
+        light from its own and from the opposite side.
     """
 
     sky: Floats
@@ -85,15 +85,15 @@ def cell_grid(camera: CameraSpec, colour: bool) -> CellGrid:
 
 
 def pixel_sums(grid: CellGrid, planes: int, pattern: Pattern | None) -> list[PixelSums]:
-    """How pixels make up the fine cells of each channel.
+    """Sums of pixels that form the fine cells of each channel.
 
     Parameters
     ----------
     grid : CellGrid
     planes : int
-        Values of a pixel: one a channel; or one for all, that of the channel that the pixel records.
+        Number of values of a pixel: one per channel; or a single one, of the channel that the pixel records.
     pattern : Pattern or None
-        Channels that pixels record; only these values count. None: all do.
+        Channels that pixels record, if only these values count; None if all do.
     """
     side = grid.fine_px
     places = [(row, column) for row in range(side) for column in range(side)]
@@ -115,25 +115,25 @@ def stray_light(
     camera: CameraSpec,
     pattern: Pattern | None = None,
 ) -> list[Any]:
-    """Electrons that reach each pixel astray.
+    """Electrons of stray light in each pixel.
 
     Parameters
     ----------
     frame : TensorXf
-        (height, width, planes): electrons in the frame, as a lens without stray light images them, without those of `points`.
+        (height, width, planes): electrons in the frame as imaged by a lens without stray light, without those of `points`.
     points : sequence of PointSources
-        Further light: that of ghosts of points, and what lies outside the frame.
+        Further light: points for the ghosts, and light outside the frame.
     surround : Surround
     grid : CellGrid
-        Of :func:`cell_grid`.
+        Grid from :func:`cell_grid`.
     camera : CameraSpec
     pattern : Pattern, optional
-        Of a colour sensor: the channel of each pixel, whose light alone counts; see :func:`pixel_sums`.
+        For a colour sensor, the channel of each pixel, of which only the light counts; see :func:`pixel_sums`.
 
     Returns
     -------
     list of Float
-        (height x width,) of each channel.
+        Stray light of each channel, (height x width,).
     """
     mi = mitsuba_runtime.start()
     import drjit as dr
@@ -170,7 +170,7 @@ def ghosts(
     camera: CameraSpec,
     pattern: Pattern | None = None,
 ) -> list[Any]:
-    """Electrons of a camera's ghosts in each pixel; of a sky as that of :func:`stray_light`, and of all points."""
+    """Electrons of a camera's ghosts in each pixel, from a sky like that of :func:`stray_light` and from all points."""
     planes = []
     for channel, sums in enumerate(pixel_sums(grid, sky.shape[2], pattern)):
         around = _around(surround, grid, channel)
@@ -191,7 +191,7 @@ def _around(surround: Surround, grid: CellGrid, channel: int) -> Floats:
 def ring_light(ring: BarrelRingSpec, walls: Floats, hemisphere: float, camera: CameraSpec) -> Singles:
     """Electrons from the barrel's wall, (height, width) array: a Gaussian profile across the ring, by azimuth along it.
 
-    `walls` and `hemisphere` as of a :class:`Surround`, of one channel.
+    `walls` and `hemisphere` are those of a :class:`Surround`, for one channel.
     """
     middle = camera.projection
     du = np.arange(camera.width) - middle.cx_px
@@ -205,7 +205,7 @@ def ring_light(ring: BarrelRingSpec, walls: Floats, hemisphere: float, camera: C
 
 
 def coarse_cells(fine: Singles, around: Floats, grid: CellGrid) -> Floats:
-    """Light on all coarse cells, of that on the fine cells and beyond them."""
+    """Return light on all coarse cells from that on the fine cells and beyond them."""
     whole = around.copy()
     rows, columns = grid.inner
     skip = grid.margin - RIM
@@ -223,8 +223,8 @@ def _kernel_spectrum(bloom: BloomSpec, margin: int, fine_px: int, size: tuple[in
 
 
 def wing_light(fine: Cells, around: Floats, grid: CellGrid, bloom: BloomSpec) -> Cells:
-    """The wings of light on cells, as light on the fine cells; may fall below zero by rounding."""
-    # Takes a while to import, which frames without stray light need not wait for.
+    """Return the wings of light on cells, as light on the fine cells; rounding may make it slightly negative."""
+    # This import takes a while, which frames without stray light need not wait for.
     from scipy import fft
 
     levels = []
@@ -237,7 +237,7 @@ def wing_light(fine: Cells, around: Floats, grid: CellGrid, bloom: BloomSpec) ->
     whole = coarse_cells(cells.array(), around, CellGrid(grid.width, grid.height, COARSE_PX, grid.margin))
     size = tuple(fft.next_fast_len(length + RIM, real=True) for length in whole.shape)
     spread = fft.irfft2(fft.rfft2(whole, size) * _kernel_spectrum(bloom, grid.margin, grid.fine_px, size), size)
-    # The kernel's middle is at its index `margin`; what wraps around stays within the margin.
+    # The kernel's centre is at its index `margin`; light that wraps around stays within the margin.
     rows, columns = grid.inner
     first = 2 * grid.margin - RIM
     wide = Cells.of(spread[first : first + rows + 2 * RIM, first : first + columns + 2 * RIM])

@@ -1,1 +1,1 @@
-"""Where things are and when: time scales, Earth orientation, catalogues, apparent places, refraction."""
+"""Positions and times: time scales, Earth orientation, catalogues, apparent places, refraction."""

@@ -1,9 +1,9 @@
-"""From catalogue places to apparent directions at a site: ERFA's full chain.
+"""Conversion of catalogue places to apparent directions at a site: ERFA's full chain.
 
 Proper motion, parallax, light deflection, annual aberration, precession-nutation (IAU 2006/2000A), Earth rotation with
-UT1, polar motion and diurnal aberration are ERFA's: the parameters of an instant come from ``apco13`` and ``apio13``, and
-what ``atciq`` and ``atioq`` do with them to a star is done here to the vectors of all stars at once. Refraction is
-:mod:`generator.places.refraction`.
+UT1, polar motion and diurnal aberration are ERFA's. The parameters of an instant come from ``apco13`` and ``apio13``; the
+operations that ``atciq`` and ``atioq`` apply to one star are applied here to the vectors of all stars at once. Refraction
+is :mod:`generator.places.refraction`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LIGHT_YEARS_PER_AU = erfa.AULT / erfa.DAYSEC / erfa.DJY
 
 @dataclass(frozen=True)
 class Site:
-    """Where the camera stands: WGS84 geodetic latitude and longitude (deg, east positive), ellipsoidal height (m)."""
+    """Place of the camera: WGS84 geodetic latitude and longitude (deg, east positive), ellipsoidal height (m)."""
 
     latitude_deg: float
     longitude_deg: float
@@ -38,7 +38,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Air:
-    """The air that refracts: pressure (hPa; 0 switches refraction off), temperature (deg C), relative humidity (0-1)."""
+    """Refracting air: pressure (hPa; 0 switches refraction off), temperature (deg C), relative humidity (0-1)."""
 
     pressure_hpa: float
     temperature_c: float
@@ -61,18 +61,18 @@ class ApparentPlaces:
         return ApparentPlaces(self.enu.T[:, rows].T)
 
     def midway_to(self, other: ApparentPlaces) -> ApparentPlaces:
-        """Places midway between these and others close to them."""
+        """Return places midway between these and others close to them."""
         return ApparentPlaces(_unit(self.enu.T + other.enu.T).T)
 
     @functools.cached_property
     def azimuth_deg(self) -> NDArray[np.float64]:
-        """From north through east, 0 to 360 deg, (n,) array."""
+        """Azimuth from north through east, 0 to 360 deg, (n,) array."""
         azimuth = np.degrees(np.arctan2(self.enu[:, 0], self.enu[:, 1]))
         return np.where(azimuth < 0, azimuth + 360, azimuth)
 
     @functools.cached_property
     def altitude_deg(self) -> NDArray[np.float64]:
-        """Above the horizon, deg, (n,) array."""
+        """Altitude above the horizon, deg, (n,) array."""
         east, north, up = self.enu.T
         return np.degrees(np.arctan2(up, np.sqrt(east * east + north * north)))
 
@@ -90,12 +90,12 @@ def apparent_places(
     instant : Instant
     orientation : EarthOrientation
     air : Air
-        Refraction is computed for 550 nm.
+        Air, whose refraction is computed for 550 nm.
 
     Returns
     -------
     ApparentPlaces
-        In the order of `stars`.
+        Places in the order of `stars`.
     """
     places = intermediate_places(stars, site, instant, orientation)
     return observed_places(places, site, instant, orientation, air)
@@ -128,9 +128,10 @@ def _observer(site: Site, instant: Instant, orientation: EarthOrientation) -> tu
 
 @dataclass(frozen=True)
 class IntermediatePlaces:
-    """Places in the celestial intermediate system (CIRS): everything applied but the Earth's rotation and the air.
+    """Places in the celestial intermediate system (CIRS), with everything applied except the Earth's rotation and the air.
 
-    Diurnal aberration is among it. It turns with the observer, by less than 0.1 arcsec an hour, which exposures neglect.
+    They include diurnal aberration, which turns with the observer by less than 0.1 arcsec per hour; this change is
+    neglected within an exposure.
 
     Attributes
     ----------
@@ -174,7 +175,7 @@ def intermediate_places(
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vectors (3, n) of length 1."""
+    """Normalise vectors (3, n) to length 1."""
     x, y, z = vectors
     return vectors / np.sqrt(x * x + y * y + z * z)
 
@@ -183,14 +184,14 @@ def observed_places(
     places: IntermediatePlaces, site: Site, instant: Instant, orientation: EarthOrientation, air: Air
 ) -> ApparentPlaces:
     """Apparent places of n stars at an instant from their intermediate places near it (same hour)."""
-    # Precession and nutation, which take longer than all else, are in the intermediate places.
+    # Precession and nutation, which take longer than everything else, are contained in the intermediate places.
     context = erfa.apio13(*_observer(site, instant, orientation))
     return ApparentPlaces(refracted(_enu_from_cirs(context) @ places.cirs.T, site, air).T)
 
 
 def refracted(enu: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
-    """Apparent unit vectors (3, n), east, north, up, of those above the air."""
-    # Components first: each is contiguous.
+    """Return apparent unit vectors (3, n), east, north, up, for those above the air."""
+    # The components are the first axis, so that each is contiguous.
     east, north, up = enu
     level = np.sqrt(east * east + north * north)
     lift = refraction_of_vectors_rad(level, up, air_around(site, air))
@@ -202,7 +203,7 @@ def refracted(enu: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.floa
 
 
 def unrefracted(enu: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
-    """Unit vectors (3, n) above the air of apparent ones: the inverse of :func:`refracted`."""
+    """Return unit vectors (3, n) above the air for apparent ones: the inverse of :func:`refracted`."""
     east, north, up = enu
     level = np.hypot(east, north)
     apparent = np.arctan2(up, level)
@@ -212,30 +213,30 @@ def unrefracted(enu: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.fl
 
 
 def lift_deg(true_altitude_deg: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
-    """Refraction, deg, at true altitudes (n,) as seen from a site."""
+    """Refraction, deg, at true altitudes (n,) seen from a site."""
     return refraction_deg(true_altitude_deg, air_around(site, air))
 
 
 def air_around(site: Site, air: Air, wavelength_nm: float = REFERENCE_NM) -> StandardAir:
-    """The air around an observer, by its values at the site."""
+    """Return the air around an observer from its values at the site."""
     at_observer = (air.pressure_hpa, air.temperature_c, air.relative_humidity)
     return StandardAir(*at_observer, site.height_m, site.latitude_deg, wavelength_nm)
 
 
 def _enu_from_cirs(context: Any) -> NDArray[np.float64]:
-    """Rotation (3, 3) by the Earth's rotation angle, polar motion and the site's latitude, as in ERFA's ``atioq``."""
+    """Rotation (3, 3) with the Earth's rotation angle, polar motion and the site's latitude, as in ERFA's ``atioq``."""
     sine, cosine = np.sin(context["eral"]), np.cos(context["eral"])
     turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     sx, cx, sy, cy = (f(context[name]) for name in ("xpl", "ypl") for f in (np.sin, np.cos))
     wobble = np.array([[cx, 0, sx], [sx * sy, cy, -cx * sy], [-sx * cy, sy, cx * cy]])
     sine, cosine = context["sphi"], context["cphi"]
-    # Of the axes meridian (towards the zenith's side), east, pole.
+    # The axes are the meridian (towards the zenith's side), east, and the pole.
     horizon = np.array([[0, 1, 0], [-sine, 0, cosine], [cosine, 0, sine]])
     return horizon @ wobble @ turn
 
 
 def stars_within(stars: StarCatalogue, axis_icrs: NDArray[np.float64], angle_deg: float) -> NDArray[np.bool_]:
-    """Which of n stars lie within an angle of an ICRS unit vector by their places at J2000.0, (n,) array."""
+    """Whether each of n stars is within an angle of an ICRS unit vector, from places at J2000.0, (n,) array."""
     if angle_deg >= 180:
         return np.ones(len(stars), bool)
     return stars.icrs @ axis_icrs > np.cos(np.radians(angle_deg))

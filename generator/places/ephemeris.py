@@ -1,7 +1,8 @@
 """Topocentric positions of Sun, Moon and planets from JPL's DE421.
 
-Positions come from the kernel that the package ``skyfield-data`` carries (Folkner et al. 2009, IPN Progress Report 42-178;
-1899 to 2053), corrected for light time; aberration, precession, nutation and the rest are the same ERFA chain as the stars'.
+Positions come from the kernel in the package ``skyfield-data`` (Folkner et al. 2009, IPN Progress Report 42-178; 1899 to
+2053), corrected for light time. For aberration, precession, nutation and the rest, the same ERFA chain is used as for the
+stars.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ PLANET_ID_BASE = 900_000_000
 PLANET_BV_MAG = {
     "mercury": 0.97, "venus": 0.81, "mars": 1.43, "jupiter": 0.87, "saturn": 1.09, "uranus": 0.50, "neptune": 0.39,
 }  # fmt: skip
-"""B-V. Source: Mallama, Krobusek & Pavlov 2017, Icarus 282, 19."""
+"""B-V of the planets. Source: Mallama, Krobusek & Pavlov 2017, Icarus 282, 19."""
 MOON_RADIUS_KM = 1737.4
 
 
@@ -47,10 +48,10 @@ class Body:
     Attributes
     ----------
     ra_deg, dec_deg : float
-        Astrometric (corrected for light time alone), ICRS, topocentric.
+        Astrometric place (corrected only for light time), ICRS, topocentric.
     distance_km, sun_distance_km : float
     phase_angle_deg : float
-        Sun - body - observer.
+        Angle Sun - body - observer.
     towards_sun : (3,) array
         ICRS unit vector from the body to the Sun.
     """
@@ -89,16 +90,16 @@ def _barycentric(target: int, tdb1: float, tdb2: float) -> Floats:
 
 @functools.lru_cache(maxsize=4)
 def _observer(site: Site, instant: Instant, orientation: EarthOrientation) -> tuple[float, float, Floats]:
-    """Two-part TDB, and the place of the site relative to the solar system's barycentre, km (3,)."""
+    """Return two-part TDB, and the place of the site relative to the solar system's barycentre, km (3,)."""
     tai = erfa.utctai(instant.utc1, instant.utc2)
     tdb1, tdb2 = (float(part) for part in erfa.taitt(*tai))
     start, end = float(_kernel()[0, 3].start_jd), float(_kernel()[0, 3].end_jd)
     if not start + 1 < tdb1 + tdb2 < end - 1:
         raise TimeRangeError(f"{instant.isoformat()} lies outside DE421 (1899 to 2053); choose a time inside it")
-    # TDB - TT is below 2 ms, in which the Moon moves by 2 m.
+    # TDB - TT is below 2 ms, during which the Moon moves by 2 m.
     astrom = star_parameters(site, instant, orientation)
     # ERFA's own ephemeris of the Earth is accurate to some km, which is too coarse for the Moon: only the observer's
-    # geocentric place is taken from it.
+    # geocentric position is taken from it.
     _, erfa_earth = erfa.epv00(tdb1, tdb2)
     on_earth_km = (np.array(astrom["eb"]) - np.array(erfa_earth["p"])) * AU_KM
     return tdb1, tdb2, _barycentric(EARTH, tdb1, tdb2) + on_earth_km
@@ -110,11 +111,11 @@ def observe(target: int, site: Site, instant: Instant, orientation: EarthOrienta
     Raises
     ------
     TimeRangeError
-        Outside DE421's years.
+        The instant is outside DE421's range.
     """
     tdb1, tdb2, observer = _observer(site, instant, orientation)
     light_days = 0.0
-    # The second place is off by the light time's own error: 1 km for the Moon, 50 km for Neptune, 0.002 arcsec.
+    # The second position is off by the light time's own error: 1 km for the Moon, 50 km for Neptune, 0.002 arcsec.
     for _ in range(2):
         position = _barycentric(target, tdb1, tdb2 - light_days)
         light_days = float(np.linalg.norm(position - observer)) / LIGHT_KM_PER_DAY
@@ -137,7 +138,7 @@ def observe(target: int, site: Site, instant: Instant, orientation: EarthOrienta
 def as_stars(
     ra_deg: Floats, dec_deg: Floats, v_mag: Floats, bv_mag: Floats, other_id: NDArray[np.int32]
 ) -> StarCatalogue:
-    """Directions as catalogue stars without proper motion or parallax, with the V-I of a dwarf of their B-V."""
+    """Return directions as catalogue stars without proper motion or parallax, with the V-I of a dwarf of their B-V."""
     nothing = np.zeros(len(ra_deg))
     none = np.zeros(len(ra_deg), np.int32)
     return StarCatalogue(
@@ -164,7 +165,7 @@ def apparent_enu(body: Body, site: Site, instant: Instant, orientation: EarthOri
 
 
 def icrs_from_enu(site: Site, instant: Instant, orientation: EarthOrientation) -> Floats:
-    """Rotation (3, 3) from horizontal directions without refraction to ICRS, aberration left out (20 arcsec)."""
+    """Rotation (3, 3) from horizontal directions without refraction to ICRS, without aberration (20 arcsec)."""
     ra = np.array([0.0, 90.0, 180.0, 270.0, 0.0, 0.0])
     dec = np.array([0.0, 0.0, 0.0, 0.0, 90.0, -90.0])
     stars = as_stars(ra, dec, np.zeros(6), np.zeros(6), np.zeros(6, np.int32))
@@ -203,7 +204,7 @@ def planet_v_mag(name: str, body: Body) -> float:
 
 
 def planets(site: Site, instant: Instant, orientation: EarthOrientation) -> StarCatalogue:
-    """The planets but the Earth as stars at their astrometric places."""
+    """Return the planets except the Earth as stars at their astrometric places."""
     bodies = {name: observe(number, site, instant, orientation) for name, number in PLANETS.items()}
     return as_stars(
         np.array([body.ra_deg for body in bodies.values()]),

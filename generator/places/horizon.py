@@ -1,4 +1,4 @@
-"""The horizon of an observer in the air, and how much air rays from below the horizontal pass."""
+"""The horizon of an observer in the air, and the amount of air along rays from below the horizontal."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from generator.places.ray_bending import (
 Floats = NDArray[np.float64]
 
 ROWS = 48
-"""Altitudes between the horizon and the horizontal."""
+"""Number of altitudes between the horizon and the horizontal."""
 NODES = 24
 VACUUM_HPA = 1e-6
-"""Stands for no pressure: the path is straight, and its share of air still that of the standard profile."""
+"""Substitute for zero pressure: the ray is straight, and its fraction of air is still that of the standard profile."""
 BISECTIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
 class Horizon:
-    """What is seen below the horizontal.
+    """The sky below the horizontal.
 
     Attributes
     ----------
     altitude_deg : float
         Apparent altitude of the ground's horizon, 0 or less.
     dipping_deg : (n,) array
-        Apparent altitudes from the horizon up to 0; empty where the horizon is not below the horizontal.
+        Apparent altitudes from the horizon up to 0; empty if the horizon is not below the horizontal.
     further_airmass : (n,) array
-        Air that a ray passes between its two crossings of the observer's height, over the vertical column above the observer.
-        The rest of its way is that of the ray as far above the horizontal.
+        Air along a ray between its two crossings of the observer's height, relative to the vertical column above the
+        observer. The rest of its path is that of the ray at the same angle above the horizontal.
     """
 
     altitude_deg: float
@@ -70,9 +70,9 @@ LEVEL = Horizon(0.0, np.zeros(0), np.zeros(0))
 
 @functools.lru_cache(maxsize=64)
 def horizon_of(site: Site, air: Air, ground_height_m: float) -> Horizon:
-    """The horizon of an observer above ground of a height, m, by the rays of :mod:`generator.places.ray_bending`.
+    """Horizon of an observer above ground of a given height, m, from the rays of :mod:`generator.places.ray_bending`.
 
-    Air without pressure does not bend: the horizon is then the geometric one, arccos(R / (R + h)).
+    Air without pressure does not bend rays: the dip is then the geometric one, arccos(R / (R + h)).
     """
     if ground_height_m >= site.height_m:
         return LEVEL
@@ -80,14 +80,14 @@ def horizon_of(site: Site, air: Air, ground_height_m: float) -> Horizon:
     humidity = air.relative_humidity if air.pressure_hpa > 0 else 0.0
     layers = Layers(StandardAir(pressure_hpa, air.temperature_c, humidity, site.height_m, site.latitude_deg))
     altitude = lowest_altitude_deg(layers, ground_height_m)
-    # Finest at the ground, where the air is densest.
+    # The spacing is finest at the ground, where the air is densest.
     dipping = altitude * np.linspace(1, 0, ROWS)
     column_m = GAS_CONSTANT * (air.temperature_c + 273.15) / (DRY_AIR_KG_KMOL * layers.gravity_m_s2)
     return Horizon(altitude, dipping, _further_m(layers, dipping) / column_m)
 
 
 def _further_m(layers: Layers, altitude_deg: Floats) -> Floats:
-    """Path, m, of air as dense as at the observer, between the two passages of the observer's height, (n,) arrays."""
+    """Path, m, in air as dense as at the observer, between the two crossings of the observer's height, (n,) arrays."""
     start = layers.observer_m
     invariant = layers.index(start) * start * np.cos(np.radians(altitude_deg))
     low, high = np.full_like(invariant, EARTH_RADIUS_M - 2000.0), np.full_like(invariant, start)
@@ -101,7 +101,7 @@ def _further_m(layers: Layers, altitude_deg: Floats) -> Floats:
     total = np.zeros_like(invariant)
     node, weight = np.polynomial.legendre.leggauss(NODES)
     for first, last in ((lowest, bend), (bend, np.full_like(lowest, start))):
-        # In the root of the height over the lowest point the integrand is smooth there.
+        # As a function of the root of the height above the lowest point, the integrand is smooth there.
         u0, u1 = np.sqrt(np.maximum(first - lowest, 0)), np.sqrt(np.maximum(last - lowest, 0))
         half = (u1 - u0)[:, None] / 2
         u = (u1 + u0)[:, None] / 2 + half * node
@@ -114,5 +114,5 @@ def _further_m(layers: Layers, altitude_deg: Floats) -> Floats:
 
 
 def _excess(layers: Layers, r_m: Floats) -> Floats:
-    """Refractive index less 1, which goes as the density of the air."""
+    """Refractive index minus 1, which is proportional to the density of the air."""
     return np.where(r_m <= layers.tropopause_m, layers.troposphere(r_m)[0], layers.stratosphere(r_m)[0])

@@ -1,9 +1,10 @@
-"""Hipparcos stars beside brighter ones, by Tycho-2.
+"""Hipparcos stars next to brighter ones, corrected with Tycho-2.
 
-Hipparcos' detector saw a field of some 30 arcsec at once (ESA 1997, SP-1200, volume 3, chapter 5): the new reduction gives a
-star within 15 arcsec of a brighter one most of that one's light too (epsilon Equ C has V 5.2 there, and 7.0 in Tycho-2), and
-some a proper motion that they do not have. Of these, ``data/tycho2/near_brighter.csv`` has V, places and proper motions of
-Tycho-2 (Hog et al. 2000, A&A 355, L27), which was measured with a slit. ``tools/build_tycho2.py`` makes the file.
+Hipparcos' detector saw a field of some 30 arcsec at once (ESA 1997, SP-1200, volume 3, chapter 5). The new reduction
+therefore assigns most of the light of a brighter star to a neighbour within 15 arcsec, too (epsilon Equ C has V 5.2
+there, and 7.0 in Tycho-2), and some neighbours a spurious proper motion. For these, ``data/tycho2/near_brighter.csv``
+contains V, places and proper motions from Tycho-2 (Hog et al. 2000, A&A 355, L27), which was measured with a slit.
+``tools/build_tycho2.py`` writes the file.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ MOST_ROWS = 10_000
 
 
 def read_near_brighter(path: Path = NEAR_BRIGHTER_PATH) -> NDArray[np.float64]:
-    """The file's rows, in the order of COLUMNS.
+    """Read the file's rows, in the order of COLUMNS.
 
     Raises
     ------
     DataFileError
-        The file cannot be read or is another.
+        The file cannot be read or is a different one.
     """
     try:
         return read_csv(path, str(path), COLUMNS, most_rows=MOST_ROWS).values
@@ -40,7 +41,7 @@ def read_near_brighter(path: Path = NEAR_BRIGHTER_PATH) -> NDArray[np.float64]:
 
 
 def with_own_light(hipparcos: pd.DataFrame) -> pd.DataFrame:
-    """Hipparcos (columns of COLUMNS and others) with the light and the motion that those stars have by themselves."""
+    """Return Hipparcos (columns of COLUMNS and others) with the light and the motion of those stars alone."""
     rows = read_near_brighter()
     number = hipparcos["hip"].to_numpy()
     order = np.argsort(number)

@@ -1,10 +1,11 @@
 """Stars packed into a few bytes each: the layout of ``data/tycho2/stars.xz``.
 
-XZ of a header and planes of bytes, star by star. Stars are in bands of declination, 128 arcsec each, from the south, and
-along a band by right ascension: a star is the step from the one before, in half arcseconds on the sky, and its height in the
-band. So sorted, 1.4 million places to half an arcsecond take 22 bits each, which is what they hold (log2 of cells over stars,
-and 1.44). Steps of magnitudes and colours are finer than Tycho-2's errors for most of its stars (0.1 mag); those of proper
-motions, 20 mas/yr, add up to a quarter of an arcsecond in 26 years.
+The file is the XZ compression of a header and planes of bytes, with one entry per star. Stars are in bands of
+declination, 128 arcsec each, from the south, and sorted by right ascension within a band. A star is stored as the step
+from the previous one, in half arcseconds on the sky, and its height in the band. Sorted this way, 1.4 million places to
+half an arcsecond take 22 bits each, which is their information content (log2 of cells per star, plus 1.44). Steps of
+magnitudes and colours are finer than Tycho-2's errors for most of its stars (0.1 mag); those of proper motions, 20
+mas/yr, add up to a quarter of an arcsecond in 26 years.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Stars:
     pm_ra_mas_yr, pm_dec_mas_yr : (n,) arrays
         Proper motion, with cos(dec) in right ascension.
     v_mag, bv_mag : (n,) arrays
-        Johnson; B-V is NaN where it is not known.
+        Johnson magnitudes; B-V is NaN if unknown.
     """
 
     ra_deg: Floats
@@ -56,7 +57,7 @@ class Stars:
 
 
 def _cells_per_deg(band: NDArray[np.intp]) -> Floats:
-    """Cells along a degree of right ascension in the middle of bands, the last of which is half as high."""
+    """Number of cells along a degree of right ascension at the middle of bands; the last band is half as high."""
     height_deg = CELLS_IN_BAND * CELL_ARCSEC / 3600
     middle_deg = np.minimum((band + 0.5) * height_deg - 90, 90 - height_deg / 4)
     return np.cos(np.radians(middle_deg)) * 3600 / CELL_ARCSEC
@@ -67,7 +68,7 @@ def _planes(values: NDArray[np.integer], count: int) -> list[bytes]:
 
 
 def packed(stars: Stars) -> bytes:
-    """Bytes of stars, which :func:`unpacked` reads; the order of the stars is that of their places."""
+    """Pack stars into bytes, which :func:`unpacked` reads; the stars are ordered by place."""
     row = np.floor((stars.dec_deg + 90) * 3600 / CELL_ARCSEC).astype(np.intp)
     band = row // CELLS_IN_BAND
     column = np.floor(stars.ra_deg % 360 * _cells_per_deg(band)).astype(np.intp)
@@ -83,19 +84,19 @@ def packed(stars: Stars) -> bytes:
     planes += _planes(colour.astype(int)[order], 1)
     for motion in (stars.pm_ra_mas_yr, stars.pm_dec_mas_yr):
         steps = np.rint(motion / MOTION_STEP_MAS_YR).astype(int)[order]
-        # Small numbers of either sign are small.
+        # Zigzag: small numbers of either sign become small numbers.
         planes += _planes(np.where(steps < 0, -2 * steps - 1, 2 * steps), 2)
     plain = HEADER.pack(MAGIC, len(row)) + b"".join(planes)
     return lzma.compress(plain, format=lzma.FORMAT_XZ, check=lzma.CHECK_CRC32, filters=FILTERS)
 
 
 def unpacked(data: bytes, name: str) -> Stars:
-    """Stars of the bytes that :func:`packed` makes; places are the middles of their cells.
+    """Unpack the bytes of :func:`packed`; places are the centres of their cells.
 
     Raises
     ------
     DataFileError
-        The bytes are others; names the file `name`.
+        The bytes are not packed stars; the message names the file `name`.
     """
     try:
         plain = lzma.LZMADecompressor(format=lzma.FORMAT_XZ).decompress(
@@ -114,7 +115,7 @@ def unpacked(data: bytes, name: str) -> Stars:
     plane = values[2 * BANDS :].reshape(BYTES_PER_STAR, count).astype(np.int32)
     band = np.repeat(np.arange(BANDS), in_band)
     along = np.cumsum(plane[0] + 256 * plane[1] + 65536 * plane[2], dtype=np.int64)
-    # The sum runs on from band to band.
+    # The sum continues from band to band.
     before = np.concatenate([[0], along])[np.cumsum(in_band) - in_band]
     column = along - np.repeat(before, in_band)
     motions = []

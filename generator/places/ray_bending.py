@@ -18,12 +18,12 @@ Floats = NDArray[np.float64]
 _Layer = Callable[[Floats], tuple[Floats, Floats]]
 
 GAS_CONSTANT = 8314.32
-"""J kmol^-1 K^-1."""
+"""Gas constant, J kmol^-1 K^-1."""
 DRY_AIR_KG_KMOL, WATER_KG_KMOL = 28.9644, 18.0152
 EARTH_RADIUS_M = 6378120.0
 LAPSE_K_M = 0.0065
 VAPOUR_EXPONENT = 18.36
-"""Of the temperature, in the pressure of water vapour."""
+"""Exponent of the temperature in the pressure of water vapour."""
 MIDDLE_LATITUDE_DEG = 45.0
 REFERENCE_NM = 550.0
 """Wavelength of the places in the truth."""
@@ -42,9 +42,9 @@ class StandardAir:
     Attributes
     ----------
     pressure_hpa, temperature_c, relative_humidity : float
-        At the observer (hPa; 0: no air; deg C, 0-1).
+        Values at the observer (hPa, 0 for no air; deg C; 0-1).
     height_m, latitude_deg : float
-        Of the observer, up to 70 km; the latitude sets gravity.
+        Place of the observer, up to 70 km; the latitude sets gravity.
     wavelength_nm : float
     lapse_k_m : float
         Fall of the temperature with height in the troposphere, K/m.
@@ -66,7 +66,7 @@ def saturation_hpa(temperature_c: float, pressure_hpa: float) -> float:
 
 
 class Layers:
-    """Refractive index of the troposphere and the stratosphere by the distance from the Earth's centre."""
+    """Refractive index of the troposphere and the stratosphere as a function of the distance from the Earth's centre."""
 
     def __init__(self, air: StandardAir) -> None:
         self.observer_m = EARTH_RADIUS_M + air.height_m
@@ -81,7 +81,8 @@ class Layers:
         inverse_square = (1000 / air.wavelength_nm) ** 2
         dry = (287.6155 + (1.62887 + 0.01360 * inverse_square) * inverse_square) * 273.15e-6 / 1013.25
         pressure, vapour = air.pressure_hpa, 0.0
-        # The troposphere's law holds from the reference height, which for an observer above it is the tropopause.
+        # The troposphere's law holds from the reference height. For an observer above the tropopause, this is the
+        # tropopause.
         self.reference_m = min(self.observer_m, self.tropopause_m)
         if self.observer_m > self.tropopause_m:
             pressure *= float(np.exp(weight / temperature_k * (self.observer_m - self.tropopause_m)))
@@ -103,7 +104,7 @@ class Layers:
         return np.maximum(self.reference_k - self.lapse_k_m * (r_m - self.reference_m), COLDEST_K)
 
     def troposphere(self, r_m: Floats) -> tuple[Floats, Floats]:
-        """Refractive index less 1, and its derivative by the distance (1/m)."""
+        """Refractive index minus 1 in the troposphere, and its derivative with respect to the distance (1/m)."""
         log_ratio = np.log(self._temperature_k(r_m) / self.reference_k)
         dry = self.dry * np.exp((self.gamma - 1) * log_ratio)
         wet = self.wet * np.exp((VAPOUR_EXPONENT - 1) * log_ratio)
@@ -111,7 +112,7 @@ class Layers:
         return dry - wet, ((self.gamma - 1) * dry - (VAPOUR_EXPONENT - 1) * wet) * slope
 
     def stratosphere(self, r_m: Floats) -> tuple[Floats, Floats]:
-        """The same above the tropopause."""
+        """Refractive index minus 1 above the tropopause, and its derivative with respect to the distance (1/m)."""
         excess = self.tropopause_excess * np.exp(-self.decay_m * (r_m - self.tropopause_m))
         return excess, -self.decay_m * excess
 
@@ -122,14 +123,14 @@ class Layers:
 
 
 def lowest_altitude_deg(layers: Layers, grazed_m: float) -> float:
-    """Apparent altitude of the ray that touches the shell at a height, deg, negative for one below the observer."""
+    """Apparent altitude of the ray that touches the shell at a height, deg; negative for a shell below the observer."""
     touched_m = EARTH_RADIUS_M + grazed_m
     cosine = layers.index(touched_m) * touched_m / (layers.index(layers.observer_m) * layers.observer_m)
     return -float(np.degrees(np.arccos(min(cosine, 1.0))))
 
 
 def bending_deg(layers: Layers, apparent_altitude_deg: Floats) -> Floats:
-    """Angle between a ray outside the air and at the observer, deg, by the apparent altitude, (n,) arrays."""
+    """Angle between a ray outside the air and at the observer, deg, at apparent altitudes, (n,) arrays."""
     at_observer = np.radians(90 - apparent_altitude_deg)
     invariant = layers.index(layers.observer_m) * layers.observer_m * np.sin(at_observer)
     top = _angle(invariant, layers.index(layers.top_m) * layers.top_m)
@@ -140,7 +141,7 @@ def bending_deg(layers: Layers, apparent_altitude_deg: Floats) -> Floats:
             (layers.troposphere, at_tropopause, at_observer),
         )
     else:
-        # A ray that dips below the tropopause passes it twice; for others the middle segment is empty.
+        # A ray that dips below the tropopause crosses it twice; for other rays the middle segment is empty.
         dips = at_observer > np.pi / 2
         last = np.where(dips, np.pi - at_tropopause, at_observer)
         first = np.where(dips, at_tropopause, at_observer)
@@ -157,7 +158,7 @@ def bending_deg(layers: Layers, apparent_altitude_deg: Floats) -> Floats:
 
 
 def _angle(invariant: Floats, index_times_r: float) -> Floats:
-    """Angle between a ray and the vertical where it passes a shell, 0 to pi/2; pi/2 for rays that stay above it."""
+    """Angle between a ray and the vertical where it crosses a shell, 0 to pi/2; pi/2 for rays that stay above it."""
     return np.arcsin(np.minimum(invariant / index_times_r, 1.0))
 
 

@@ -18,19 +18,20 @@ Floats = NDArray[np.float64]
 LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
 LOWEST_TANGENT_OF_SERIES = math.tan(math.radians(LOWEST_ALTITUDE_OF_SERIES_DEG))
 FADED_BY_DEG = 12.0
-"""True altitude at which the difference between series and integral at the series' lowest altitude (0.02 arcsec) is gone."""
+"""True altitude at which the difference between series and integral at the series' lowest altitude (0.02 arcsec) has faded
+out."""
 BELOW_SEA_M = 500.0
-"""The lowest ray of the table touches the shell this far below sea level, or below an observer who is lower."""
+"""Distance below sea level, or below an observer who is lower, of the shell that the table's lowest ray touches."""
 TABLE_ROWS = 240
 CLEARANCE = 1e-3
-"""Part of the table's range by which its highest ray stands above LOWEST_ALTITUDE_OF_SERIES_DEG."""
+"""Fraction of the table's range by which its highest ray is above LOWEST_ALTITUDE_OF_SERIES_DEG."""
 NEWTON_STEPS = 2
 
 
 def _series_deg(true_zenith_distance_rad: Floats, refa_rad: float, refb_rad: float) -> Floats:
     """Solve z_true = z_obs + A tan z_obs + B tan^3 z_obs for the refraction, deg, by Newton's method."""
     observed = true_zenith_distance_rad.copy()
-    # From the true zenith distance, two steps come within 1e-9 arcsec above 15 deg.
+    # Starting from the true zenith distance, two steps come within 1e-9 arcsec above 15 deg.
     for _ in range(NEWTON_STEPS):
         tangent = np.tan(observed)
         square = tangent * tangent
@@ -41,7 +42,7 @@ def _series_deg(true_zenith_distance_rad: Floats, refa_rad: float, refb_rad: flo
 
 @dataclass(frozen=True)
 class RefractionTable:
-    """Refraction in one air.
+    """Refraction in a given air.
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class RefractionTable:
     lowest_deg : float
         True altitude of the lowest ray; the refraction of lower ones, which the Earth hides, is that ray's.
     lift_deg : CubicSpline
-        Refraction by the true altitude from `lowest_deg` to the series.
+        Refraction as a function of the true altitude from `lowest_deg` to the series.
     """
 
     refa_rad: float
@@ -68,10 +69,11 @@ class RefractionTable:
         return lift
 
     def lift_rad(self, level: Floats, up: Floats) -> Floats:
-        """Refraction, rad, of true directions by their horizontal and upward components: :meth:`of_true`.
+        """Refraction, rad, of true directions from their horizontal and upward components: :meth:`of_true`.
 
-        Without a trigonometric function above the lowest altitude of the series: the tangent of a zenith distance less a
-        small angle follows from both tangents, of which the small angle's is a series of two terms, to 1e-12 of it.
+        Above the lowest altitude of the series it needs no trigonometric function: the tangent of a zenith distance minus
+        a small angle follows from both tangents, and that of the small angle is a series of two terms, accurate to a
+        relative 1e-12.
         """
         least = LOWEST_TANGENT_OF_SERIES * level
         low = np.flatnonzero(up < least)
@@ -88,7 +90,7 @@ class RefractionTable:
         return lift
 
     def slope_at(self, true_altitude_deg: Floats) -> Floats:
-        """Derivative of the refraction by the true altitude, where the table gives it; 0 elsewhere."""
+        """Derivative of the refraction with respect to the true altitude within the table; 0 elsewhere."""
         inside = (true_altitude_deg >= self.lowest_deg) & (true_altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG)
         return np.where(inside, self.lift_deg(true_altitude_deg, 1), 0.0)
 
@@ -118,7 +120,7 @@ def refraction_table(air: StandardAir) -> RefractionTable:
     seam_zenith_distance = np.radians(90 - np.array([LOWEST_ALTITUDE_OF_SERIES_DEG]))
     seam_lift = float(_series_deg(seam_zenith_distance, refa, refb)[0])
     top = LOWEST_ALTITUDE_OF_SERIES_DEG + seam_lift
-    # Denser at the bottom, where the refraction changes fastest.
+    # Nodes are denser at the bottom, where the refraction changes fastest.
     apparent = bottom + (1 + CLEARANCE) * (top - bottom) * np.linspace(0, 1, TABLE_ROWS) ** 1.5
     lift = bending_deg(layers, apparent)
     true = apparent - lift
@@ -133,9 +135,9 @@ def refraction_table(air: StandardAir) -> RefractionTable:
 def refraction_deg(true_altitude_deg: Floats, air: StandardAir) -> Floats:
     """Refraction, deg, to add to true altitudes, (n,) arrays.
 
-    Above 15 deg this is ERFA's ``refco`` with its A tan z + B tan^3 z (good to some 0.05 arcsec there). Lower it is the
+    Above 15 deg this is ERFA's ``refco`` with its A tan z + B tan^3 z (good to some 0.05 arcsec there). Lower, it is the
     integral of :mod:`generator.places.ray_bending`, down to the ray that touches the ground at sea level, which for an
-    observer in the air comes from below the horizontal; for what the Earth hides it stays constant.
+    observer in the air comes from below the horizontal. For directions that the Earth hides it is constant.
     """
     if air.pressure_hpa == 0:
         return np.zeros_like(true_altitude_deg)
@@ -143,14 +145,14 @@ def refraction_deg(true_altitude_deg: Floats, air: StandardAir) -> Floats:
 
 
 def refraction_of_vectors_rad(level: Floats, up: Floats, air: StandardAir) -> Floats:
-    """:func:`refraction_deg`, in rad, by the horizontal and upward components (n,) of true directions."""
+    """:func:`refraction_deg`, in rad, from the horizontal and upward components (n,) of true directions."""
     if air.pressure_hpa == 0:
         return np.zeros_like(level)
     return refraction_table(air).lift_rad(level, up)
 
 
 def refraction_of_apparent_deg(apparent_altitude_deg: Floats, air: StandardAir) -> Floats:
-    """Refraction, deg, to take from apparent altitudes, (n,) arrays: the inverse of :func:`refraction_deg`."""
+    """Refraction, deg, to subtract from apparent altitudes, (n,) arrays: the inverse of :func:`refraction_deg`."""
     if air.pressure_hpa == 0:
         return np.zeros_like(apparent_altitude_deg)
     return refraction_table(air).of_apparent(apparent_altitude_deg)

@@ -27,7 +27,7 @@ class Shell:
     altitude_km, inclination_deg : float
     planes, per_plane : int
     node_deg, argument_deg : float
-        Of the first satellite at J2000.
+        Node and argument of latitude of the first satellite at J2000.
     phasing : int
         Satellites of the next plane are ahead by this many 1 / (planes x per_plane) of a turn.
     """
@@ -46,9 +46,9 @@ class Shell:
         Parameters
         ----------
         seconds : (k,) or (n, k) array
-            From J2000; the same for all or each satellite's own.
+            Time from J2000, either common to all or individual for each satellite.
         rows : (n,) int array or None
-            Which of the planes x per_plane satellites; None: all.
+            Indices of the planes x per_plane satellites; None for all.
         """
         radius = EQUATORIAL_KM + self.altitude_km
         inclination = np.radians(self.inclination_deg)
@@ -68,7 +68,7 @@ class Shell:
 
 
 def sunlit(position_km: Floats, sun: Floats) -> NDArray[np.bool_]:
-    """Whether places (..., 3) are outside of the Earth's shadow; `sun`: unit vector (3,)."""
+    """Whether places (..., 3) are outside the Earth's shadow; `sun` is a unit vector (3,)."""
     along = position_km @ sun
     aside = np.linalg.norm(position_km - along[..., None] * sun, axis=-1)
     return np.asarray((along > 0) | (aside > EQUATORIAL_KM))

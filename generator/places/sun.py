@@ -1,4 +1,4 @@
-"""Where the Sun is over the Earth, for choosing times of night and for paths by day."""
+"""Position of the Sun over the Earth, for choosing times of night and for paths by day."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from generator.places.times import Instant
 
 
 def sun_altitude_deg(instant: Instant, latitude_deg: float, longitude_deg: float) -> float:
-    """Geometric altitude of the Sun's centre, deg, without refraction, good to 0.01 deg.
+    """Geometric altitude of the Sun's centre, deg, without refraction, accurate to 0.01 deg.
 
     Parameters
     ----------
     instant : Instant
     latitude_deg, longitude_deg : float
-        WGS84.
+        Geodetic coordinates, WGS84.
     """
     terrestrial = sun_terrestrial(instant)
     latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
@@ -25,10 +25,10 @@ def sun_altitude_deg(instant: Instant, latitude_deg: float, longitude_deg: float
 
 
 def sun_terrestrial(instant: Instant) -> NDArray[np.float64]:
-    """Unit vector (3,) to the Sun's centre in the frame that turns with the Earth.
+    """Unit vector (3,) to the Sun's centre in the frame that rotates with the Earth.
 
-    ERFA's analytic Earth (``epv00``), aberration by the Earth's velocity, IAU 2006/2000A rotation with UT1 = UTC: good to
-    0.01 deg (15 arcsec for each second of UT1-UTC).
+    ERFA's analytic Earth (``epv00``), aberration by the Earth's velocity, IAU 2006/2000A rotation with UT1 = UTC:
+    accurate to 0.01 deg (15 arcsec for each second of UT1-UTC).
     """
     tai1, tai2 = erfa.utctai(instant.utc1, instant.utc2)
     tt1, tt2 = erfa.taitt(tai1, tai2)

@@ -19,7 +19,7 @@ _UTC = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d(?:\.\d{1,9})?)Z")
 SECONDS_PER_DAY = 86400.0
 UT1_UTC = slice(58, 68)
 BULLETIN_A = (slice(7, 15), slice(18, 27), slice(37, 46), UT1_UTC)
-"""Characters of a line of finals2000A: MJD, coordinates of the pole (arcsec) and UT1-UTC (s) of Bulletin A."""
+"""Columns of a line of finals2000A: MJD, coordinates of the pole (arcsec) and UT1-UTC (s) of Bulletin A."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Instant:
         Raises
         ------
         ValueError
-            When the text is no such time, or the calendar has no such date.
+            The text is not in this form, or the calendar has no such date.
         """
         match = _UTC.fullmatch(text)
         if match is None:
@@ -81,7 +81,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class EarthOrientation:
-    """Rotation of the Earth beyond the precession-nutation model.
+    """Rotation of the Earth that the precession-nutation model does not include.
 
     Attributes
     ----------
@@ -100,9 +100,9 @@ class EarthOrientation:
 def finals2000a() -> NDArray[np.float64]:
     """Rows (MJD, x_p, y_p, UT1-UTC) of IERS finals2000A, from 1973 with a year of predictions; arcsec and s.
 
-    Bulletin A's values all along: a mixture with the final ones of Bulletin B would step where those end. Read by the
-    columns of the IERS' description (readme.finals2000A) from the file that astropy-iers-data installs: astropy's own
-    reader gives the same numbers, and takes a second of each process that plans a frame.
+    All values are those of Bulletin A, because a mixture with the final ones of Bulletin B would have a step where those
+    end. The file that astropy-iers-data installs is read by the columns of the IERS' description (readme.finals2000A):
+    astropy's own reader gives the same numbers, but takes a second in each process that plans a frame.
 
     Raises
     ------
@@ -123,12 +123,13 @@ def finals2000a() -> NDArray[np.float64]:
 def earth_orientation(instant: Instant) -> EarthOrientation:
     """Earth orientation at an instant, linear between the daily values of the IERS table.
 
-    UT1-UTC jumps by a second where a leap second is inserted; the interpolation runs over UT1-TAI, which does not.
+    UT1-UTC jumps by a second at a leap second; therefore UT1-TAI, which does not jump, is interpolated.
 
     Raises
     ------
     TimeRangeError
-        Outside the table, which starts in 1973 and ends with the predictions of the installed astropy-iers-data.
+        The instant is outside the table, which starts in 1973 and ends with the predictions of the installed
+        astropy-iers-data.
     """
     table = finals2000a()
     mjd = instant.mjd

@@ -1,9 +1,10 @@
 """The path of a camera: smooth curves through knots of position and attitude, with their rates and accelerations.
 
-The normal of the ellipsoid and the height above it are cubic splines of time, so that positions have no singularity at the
-date line, and heights between distant knots do not sink below those of the knots. The attitude is a spline of rotations
-with continuous angular acceleration (Kang & Park 1999, J. Mechanical Design 121, as scipy's ``RotationSpline`` implements
-it), relative to east, north and up at the moving position: between equal azimuths, altitudes and rolls they stay the same.
+The normal of the ellipsoid and the height above it are cubic splines of time, so that positions have no singularity at
+the date line, and heights between distant knots do not fall below those of the knots. The attitude is a spline of
+rotations with continuous angular acceleration (Kang & Park 1999, J. Mechanical Design 121, as scipy's ``RotationSpline``
+implements it), relative to east, north and up at the moving position: between knots of equal azimuth, altitude and roll,
+these stay constant.
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ EARTH_RATE_RAD_S = np.array([0.0, 0.0, ROTATION_RAD_S])
 
 @dataclass(frozen=True, eq=False)
 class Knots:
-    """Positions and attitudes that a path goes through; one row stands for all times.
+    """Positions and attitudes through which a path passes; a single row applies to all times.
 
     Attributes
     ----------
     time_s : (k,) array
-        Increasing.
+        Times, increasing.
     latitude_deg, longitude_deg, height_m : (k,) or (1,) arrays
-        WGS84.
+        Positions, WGS84.
     R_cam : Rotation
-        k or one, east-north-up to camera.
+        Attitudes, k or one, east-north-up to camera.
     """
 
     time_s: Floats
@@ -75,11 +76,11 @@ class Trajectory:
         return latitude_deg, longitude_deg, self._height(time_s)
 
     def R_cam(self, time_s: Floats) -> Rotation:
-        """Attitudes, east-north-up at each time's own position to camera."""
+        """Attitudes from east-north-up at each time's own position to camera."""
         return self._enu_from_cam(time_s).inv()
 
     def cam_from_ecef(self, time_s: Floats) -> Rotation:
-        """Attitudes, Earth-fixed axes to camera."""
+        """Attitudes from Earth-fixed axes to camera."""
         return self.R_cam(time_s) * Rotation.from_matrix(enu_axes(self._unit_normal(time_s)))
 
     def displacement_enu_m(self, start_s: float, end_s: float) -> Floats:
@@ -96,7 +97,8 @@ class Trajectory:
     def rate_rad_s(self, time_s: Floats) -> Floats:
         """Angular rate against inertial space about the camera's axes, (n, 3).
 
-        The attitude's own rate, that of east-north-up along the path (transport rate), and the Earth's rotation.
+        It is the sum of the attitude's own rate, that of east-north-up along the path (transport rate), and the Earth's
+        rotation.
         """
         latitude_deg, _, height_m = self.position(time_s)
         meridian_m, across_m = curvature_radii_m(latitude_deg)
@@ -113,10 +115,10 @@ class Trajectory:
         return self._enu_from_cam(time_s, 1) + self.R_cam(time_s).apply(transport + earth)
 
     def specific_force_m_s2(self, time_s: Floats) -> Floats:
-        """Specific force (inertial acceleration less gravitation) along the camera's axes, (n, 3).
+        """Specific force (inertial acceleration minus gravitation) along the camera's axes, (n, 3).
 
-        On the rotating Earth it is the acceleration over the ground, plus the Coriolis term, less normal gravity; the
-        latter points along the ellipsoid's normal, from which the plumb line departs by up to 0.01 mm/s^2 per 1.2 km of
+        On the rotating Earth it is the acceleration over the ground, plus the Coriolis term, minus normal gravity. The
+        latter is along the ellipsoid's normal, from which the plumb line departs by up to 0.01 mm/s^2 per 1.2 km of
         height.
         """
         _, velocity, acceleration = self._ecef(time_s)
@@ -166,7 +168,7 @@ def _spline(time_s: Floats, values: Floats) -> CubicSpline:
 
 
 def _at_least_two(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Knots for a spline; a single row of values is repeated, which makes a constant."""
+    """Knots for a spline; a single row of values is repeated, which gives a constant."""
     if len(values) == 1:
         return np.array([0.0, 1.0]), np.repeat(values, 2, axis=0)
     return time_s, values

@@ -1,8 +1,8 @@
-"""Stars to V 11.5 that the default catalogue lacks: of Tycho-2, in ``data/tycho2``.
+"""Stars to V 11.5 from Tycho-2 that the default catalogue lacks, in ``data/tycho2``.
 
-Source: Hog et al. 2000, A&A 355, L27 (CDS I/259), with its first supplement; 99 % complete to V 11.0, 90 % to 11.5. The file
-is made by ``tools/build_tycho2.py``. Places are within 0.4 arcsec of the catalogue's, and proper motions within 10 mas/yr
-along each axis (:mod:`generator.places.packed_stars`).
+Source: Hog et al. 2000, A&A 355, L27 (CDS I/259), with its first supplement; 99 % complete to V 11.0, 90 % to 11.5.
+``tools/build_tycho2.py`` writes the file. Places are within 0.4 arcsec of the catalogue's, and proper motions within 10
+mas/yr along each axis (:mod:`generator.places.packed_stars`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 TYCHO2_PATH = Path(__file__).parents[1] / "data" / "tycho2" / "stars.xz"
 TYCHO_ID_BASE = 100_000_000
 FAINTEST_V_MAG = 11.5
-"""Of the file's stars."""
+"""V of the faintest star in the file."""
 
 
 def johnson_from_tycho(vt_mag: Floats, bt_vt_mag: Floats) -> tuple[Floats, Floats]:
@@ -32,12 +32,12 @@ def johnson_from_tycho(vt_mag: Floats, bt_vt_mag: Floats) -> tuple[Floats, Float
 
 
 def read_tycho2(path: Path = TYCHO2_PATH) -> StarCatalogue:
-    """The file's stars, in its order. Ids: TYCHO_ID_BASE plus row.
+    """Read the file's stars, in its order. Ids are TYCHO_ID_BASE plus the row.
 
     Raises
     ------
     DataFileError
-        The file cannot be read or is another.
+        The file cannot be read or is a different one.
     """
     try:
         data = path.read_bytes()
@@ -66,6 +66,6 @@ def read_tycho2(path: Path = TYCHO2_PATH) -> StarCatalogue:
 
 @functools.cache
 def load_with_tycho2() -> StarCatalogue:
-    """The default catalogue and the stars of Tycho-2 that it lacks, sorted by V."""
+    """Return the default catalogue and the stars of Tycho-2 that it lacks, sorted by V."""
     joined = load_catalogue().joined(read_tycho2())
     return joined[np.argsort(joined.v_mag, kind="stable")]

@@ -15,11 +15,11 @@ FLATTENING = 1 / 298.257223563
 SEMI_MINOR_M = SEMI_MAJOR_M * (1 - FLATTENING)
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
 ROTATION_RAD_S = 7.292115e-5
-"""Rotation of the Earth."""
+"""Rotation rate of the Earth."""
 EQUATORIAL_GRAVITY_M_S2 = 9.7803253359
 SOMIGLIANA_K = 0.00193185265241
 ROTATION_SHARE = 0.00344978650684
-"""m = omega^2 a^2 b / GM."""
+"""Ratio m = omega^2 a^2 b / GM."""
 
 
 def normal_vector(latitude_deg: Floats, longitude_deg: Floats) -> Floats:
@@ -58,8 +58,8 @@ def curvature_radii_m(latitude_deg: Floats) -> tuple[Floats, Floats]:
 def normal_gravity_m_s2(latitude_deg: Floats, height_m: Floats) -> Floats:
     """Magnitude of normal gravity (gravitation and centrifugal acceleration), m/s^2.
 
-    Somigliana's formula on the ellipsoid, to the second order in height above it (equation 4-3), which is good to
-    1e-6 m/s^2 up to 20 km. Gravity anomalies, up to 1e-3 m/s^2 over most of the Earth, are not part of it.
+    It is Somigliana's formula on the ellipsoid, to the second order in height above it (equation 4-3), accurate to 1e-6
+    m/s^2 up to 20 km. Gravity anomalies, up to 1e-3 m/s^2 over most of the Earth, are not included.
     """
     square = np.sin(np.radians(latitude_deg)) ** 2
     on_ellipsoid = EQUATORIAL_GRAVITY_M_S2 * (1 + SOMIGLIANA_K * square) / np.sqrt(1 - SQUARED_ECCENTRICITY * square)

@@ -22,7 +22,7 @@ from generator import mitsuba_runtime
 
 @functools.cache
 def start() -> Any:
-    """Start Mitsuba, register the plugins with its variant, to which they then belong, and return the module."""
+    """Start Mitsuba, register the plugins with its variant, to which they are then bound, and return the module."""
     mi = mitsuba_runtime.start()
     from generator.plugins.camera import NightSkyCamera
     from generator.plugins.integrator import NightSkyIntegrator

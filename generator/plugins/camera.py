@@ -1,9 +1,9 @@
 """``skybench_camera``: a sensor that counts electrons.
 
 The weight of a ray is aperture area x projected pupil x exposure x solid angle of the pixel x spectral range, in m^2 s sr
-nm, times the film's response, as Mitsuba's own sensors have it: a ``specfilm`` divides by its overall response before it
-weights with each channel's. Photon radiance (photons s^-1 m^-2 nm^-1 sr^-1) thus becomes expected electrons per pixel,
-when the film's channels hold quantum efficiencies.
+nm, times the film's response. As for Mitsuba's own sensors, a ``specfilm`` divides by its overall response before it
+weights with each channel's. If the film's channels contain quantum efficiencies, photon radiance (photons s^-1 m^-2 nm^-1
+sr^-1) thus becomes expected electrons per pixel.
 
 ======================  ==========  =========================================================================
 parameter               type        meaning
@@ -20,16 +20,15 @@ parameter               type        meaning
 ``vignetting``          tensor      (n,): a1, a2, … of the factor 1 + a1 q + a2 q^2 + …
 ``corner_px``           float       where q, the squared distance from the principal point, is 1 (with vignetting)
 ``aperture_area_m2``    float       area of the entrance pupil, m^2
-``exposure_s``          float       of each row, s
-``read_out_s``          float       between the exposures' starts of the first and the last row, s (default 0)
+``exposure_s``          float       exposure of each row, s
+``read_out_s``          float       time between the exposures' starts of the first and the last row, s (default 0)
 ``reads_up``            boolean     whether the last row is the first to be exposed (default false)
 ``attitude``            tensor      (k, 3, 3): R_cam, ENU to camera, evenly spaced over the shutter's time, k >= 1
 ``film``                plugin      a ``specfilm``
 ======================  ==========  =========================================================================
 
-The world frame of the scene is east, north, up. Time runs from 0 to 1 over the shutter's time:
-from the start of the exposure of the first row to the end of that of the last. With a global shutter these are the
-exposure's start and end.
+The world frame of the scene is east, north, up. Time runs from 0 to 1 over the shutter's time, from the start of the
+first row's exposure to the end of the last row's. With a global shutter these are the exposure's start and end.
 """
 
 from __future__ import annotations
@@ -50,9 +49,9 @@ from generator.scenario.projection import COEFFICIENTS, MODELS, Projection
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 NEGLIGIBLE = 1e-20
-"""Of a component of a unit vector."""
+"""Size of a negligible component of a unit vector."""
 ROW_ITERATIONS = 4
-"""Rounds of the fixed point; each shrinks the error by the image's rows per line time."""
+"""Iterations of the fixed point; each reduces the error by a factor of the image's motion in rows per line time."""
 
 
 def _rotation(quaternion: list[Any]) -> list[list[Any]]:
@@ -67,20 +66,20 @@ def _rotation(quaternion: list[Any]) -> list[list[Any]]:
 
 
 def _single(component: Any) -> Any:
-    """Component (Float64) of a rotation in single precision, where processors take long to compute with tiny numbers."""
+    """Convert a component (Float64) of a rotation to single precision; tiny numbers, which are slow, become zero."""
     return dr.select(dr.abs(component) < NEGLIGIBLE, 0, mi.Float(component))
 
 
 @dataclass(frozen=True)
 class FilmPoints:
-    """Places on lines of the film. All places of a line are exposed at the same time, so its rotation is computed once.
+    """Places on lines of the film. All places on a line are exposed at the same time, so its rotation is computed only once.
 
     Attributes
     ----------
     position : Point2f
-        0 to 1 over the frame.
+        Places, 0 to 1 over the frame.
     line : UInt32
-        Of each place.
+        Line of each place.
     line_y : Float
         `position.y` of each line.
     """
@@ -91,7 +90,7 @@ class FilmPoints:
 
     @classmethod
     def middles(cls, width: int, height: int) -> FilmPoints:
-        """Middles of all pixels of a frame, row by row."""
+        """Centres of all pixels of a frame, row by row."""
         pixel = dr.arange(mi.UInt32, width * height)
         size = mi.ScalarVector2f(width, height)
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5) / size
@@ -99,7 +98,7 @@ class FilmPoints:
         return cls(position, pixel // width, (mi.Point2f(rows, rows) / size).y)
 
     def of(self, chosen: Any) -> FilmPoints:
-        """Those of some indices (UInt32)."""
+        """Return the points at some indices (UInt32)."""
         return replace(
             self,
             position=dr.gather(mi.Point2f, self.position, chosen),
@@ -107,7 +106,7 @@ class FilmPoints:
         )
 
     def moved(self, offset: Any) -> FilmPoints:
-        """All moved by an offset (Vector2f) on the film."""
+        """Return all points, moved by an offset (Vector2f) on the film."""
         return replace(self, position=self.position + offset, line_y=self.line_y + offset.y)
 
 
@@ -163,12 +162,12 @@ class NightSkyCamera(mi.Sensor):
     def world_to_camera(self, time: Any) -> list[list[Any]]:
         """Rotation ENU to camera at `time` (0 to 1; double precision), as rows of components.
 
-        Between keyframes the quaternions are blended linearly and normalised, which differs from uniform rotation by less
-        than a hundred-thousandth of the step for steps under 5 degrees.
+        Between keyframes the quaternions are interpolated linearly and normalised, which differs from uniform rotation by
+        less than a hundred-thousandth of the step for steps under 5 degrees.
         """
         if self.keyframes == 1:
             rotation = _rotation([dr.gather(FLOAT64, self.quaternions, mi.UInt32(k)) for k in range(4)])
-            # The same for every lane: computed once.
+            # The same for every lane, so computed once.
             dr.eval(rotation)
             return rotation
         position = dr.clip(FLOAT64(time), 0, 1) * (self.keyframes - 1)
@@ -186,7 +185,7 @@ class NightSkyCamera(mi.Sensor):
         )
 
     def moment(self, v: Any, share: Any) -> Any:
-        """Time at which row `v` (px) has had `share` (0 to 1) of its exposure; both Float64."""
+        """Time at which the fraction `share` (0 to 1) of the exposure of row `v` (px) has passed; both Float64."""
         if self.read_out_share == 0:
             return FLOAT64(share)
         row = self.height - 1 - v if self.reads_up else v
@@ -194,22 +193,22 @@ class NightSkyCamera(mi.Sensor):
         return row * step + share * dr.opaque(FLOAT64, self.exposure_share)
 
     def project_source(self, direction: Any, share: Any) -> tuple[Any, Any, Any, Any, Any]:
-        """Where a moving source falls on the film when the row it falls on has had `share` of its exposure.
+        """Place of a moving source on the film when the fraction `share` of the exposure of its row has passed.
 
-        The time follows from the row and the row from the time: a fixed point, which contracts as long as the image moves
-        less than one row per line time.
+        The time follows from the row and the row from the time. This fixed-point iteration contracts if the image moves
+        by less than one row per line time.
 
         Parameters
         ----------
         direction : callable
-            Gives the source's unit vector (east, north, up; Float64) at a time.
+            Returns the source's unit vector (east, north, up; Float64) at a time.
         share : Float64
             0 to 1.
 
         Returns
         -------
         u, v, cosine, valid
-            As :meth:`project`.
+            As for :meth:`project`.
         time : Float64
         """
         time = self.moment(FLOAT64(0.5 * (self.height - 1)), share)
@@ -221,7 +220,7 @@ class NightSkyCamera(mi.Sensor):
         return u, v, cosine, valid, time
 
     def project(self, east: Any, north: Any, up: Any, time: Any) -> tuple[Any, Any, Any, Any]:
-        """Where directions fall on the film.
+        """Places of directions on the film.
 
         Parameters
         ----------
@@ -237,7 +236,7 @@ class NightSkyCamera(mi.Sensor):
         cosine : Float64
             Cosine of the angle from the boresight.
         valid : Mask
-            Whether the direction lies in the lens model's range.
+            Whether the direction is in the lens model's range.
         """
         rows = self.world_to_camera(time)
         x, y, z = (row[0] * east + row[1] * north + row[2] * up for row in rows)
@@ -249,9 +248,9 @@ class NightSkyCamera(mi.Sensor):
         return self.project(east, north, up, time)
 
     def relative_light(self, u: Any, v: Any, cosine: Any) -> Any:
-        """Light through the lens at a film position over that on the axis, per solid angle: pupil, vignetting, image circle.
+        """Light through the lens at a film position relative to the axis, per solid angle: pupil, vignetting, image circle.
 
-        Works in the precision of its arguments; `cosine` is that of the angle from the boresight.
+        It works in the precision of its arguments; `cosine` is that of the angle from the boresight.
         """
         light = dr.maximum(cosine, 0) if self.pupil_law == "cosine" else cosine * 0 + 1
         square = dr.square(u - self.projection.cx_px) + dr.square(v - self.projection.cy_px)
@@ -281,7 +280,7 @@ class NightSkyCamera(mi.Sensor):
         return ray, etendue * self.spectral_weight(ray.wavelengths)
 
     def pixel_ray(self, share: Any, position_sample: Any) -> tuple[Any, Any]:
-        """Ray through a film position (0 to 1 over the frame) at a share of its row's exposure, without wavelengths.
+        """Ray through a film position (0 to 1 over the frame) at a fraction of its row's exposure, without wavelengths.
 
         Returns
         -------
@@ -297,7 +296,7 @@ class NightSkyCamera(mi.Sensor):
         return self._ray(u, v, rows, mi.Float(time))
 
     def line_ray(self, share: Any, points: FilmPoints) -> tuple[Any, Any]:
-        """The same (:meth:`pixel_ray`), to the bit, of places on lines; faster while the camera turns."""
+        """Rays of :meth:`pixel_ray`, identical to the bit, for places on lines; faster while the camera turns."""
         if self.keyframes == 1:
             return self.pixel_ray(share, points.position)
         time = self.moment(FLOAT64(points.line_y * self.height - 0.5), FLOAT64(share))
@@ -306,7 +305,7 @@ class NightSkyCamera(mi.Sensor):
             # All lines are exposed at the same time.
             dr.eval(numbers)
         else:
-            # Packets of four numbers a line.
+            # Packets of four numbers per line.
             numbers += [mi.Float(0)] * (-len(numbers) % 4)
             tables = [dr.ravel(mi.Vector4f(*numbers[first : first + 4])) for first in range(0, len(numbers), 4)]
             dr.eval(tables)
@@ -315,7 +314,7 @@ class NightSkyCamera(mi.Sensor):
         return self._ray(u, v, [numbers[0:3], numbers[3:6], numbers[6:9]], numbers[9])
 
     def _ray(self, u: Any, v: Any, rows: list[list[Any]], time: Any) -> tuple[Any, Any]:
-        """Ray and etendue of places, px, under rows of rotations."""
+        """Ray and etendue for places, px, with rows of rotations."""
         x, y, z, valid = self.lens.unproject(u, v)
         direction = mi.Vector3f(*(rows[0][k] * x + rows[1][k] * y + rows[2][k] * z for k in range(3)))
         etendue = self.collected * self.relative_light(u, v, z) * self.lens.solid_angle(x, y, z)
@@ -325,7 +324,7 @@ class NightSkyCamera(mi.Sensor):
     def sample_ray_differential(
         self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True
     ) -> tuple[Any, Any]:
-        """As :meth:`sample_ray`; differentials are zero because nothing in the sky is a filtered texture."""
+        """Mitsuba's interface: as :meth:`sample_ray`; differentials are zero because no texture of the sky is filtered."""
         ray, weight = self.sample_ray(time, wavelength_sample, position_sample, aperture_sample, active)
         return mi.RayDifferential3f(ray), weight
 

@@ -13,9 +13,9 @@ from generator.sky.moonlit_cloud import DIFFRACTED, MoonVeil
 
 
 def cloud_numbers(clouds: CloudField) -> list[float]:
-    """Numbers of a field, for each moment the way of each tile, north and east, in its period.
+    """Numbers that describe a field, with each tile's displacement north and east at each moment, modulo its period.
 
-    Altitude, threshold, scale, share for points, and mean cosine of the scattering angle come first.
+    Altitude, threshold, scale, fraction for points, and mean cosine of the scattering angle come first.
     """
     pattern = clouds.pattern
     periods = [COARSE_CELL_KM * len(pattern.coarse), FINE_CELL_KM * len(pattern.fine)]
@@ -30,7 +30,7 @@ class CloudTexture:
     ----------
     coarse, fine : (n, n) tensors
     numbers : tensor
-        Of :func:`cloud_numbers`.
+        Numbers from :func:`cloud_numbers`.
     """
 
     def __init__(self, coarse: Any, fine: Any, numbers: Any) -> None:
@@ -77,7 +77,7 @@ class MoonTexture:
     Parameters
     ----------
     moon : tensor
-        Of :func:`moon_numbers`.
+        Numbers from :func:`moon_numbers`.
     angles : (2, n) tensor
         Phase function and aureole.
     more : (d, c, t) tensor
@@ -92,7 +92,7 @@ class MoonTexture:
         self.more, self.shape = mi.Float(more.array), more.shape
 
     def radiance(self, clouds: CloudTexture, depths: list[Any], direction: Any, aureole: bool = True) -> Any:
-        """Radiance over the Moon's irradiance from unit vectors, mean over the moments."""
+        """Radiance in the direction of unit vectors relative to the Moon's irradiance, mean over the moments."""
         apart = direction - mi.Vector3f(self.east, self.north, self.up)
         place = dr.sqrt(dr.minimum(0.5 * dr.norm(apart), 1)) * (self.nodes - 1)
         first = dr.minimum(mi.UInt32(place), self.nodes - 2)
@@ -118,7 +118,7 @@ class MoonTexture:
         return total / len(depths)
 
     def _more(self, shares: tuple[Any, Any, Any]) -> Any:
-        """Trilinear look-up at places of 0 to 1 along the three axes."""
+        """Trilinear look-up at places from 0 to 1 along the three axes."""
         cells, weights = [], []
         for share, count in zip(shares, self.shape, strict=True):
             place = dr.clip(share, 0, 1) * (count - 1)
@@ -141,9 +141,9 @@ def moon_numbers(veil: MoonVeil) -> list[float]:
 
 
 def scattered_once(view: Any, source: Any) -> Any:
-    """The function of this name in :mod:`generator.sky.cloud_layer`."""
+    """The same function as in :mod:`generator.sky.cloud_layer`."""
     gap = dr.abs(view - source)
-    # Below, single precision has no difference of exponentials left.
+    # Below this, single precision leaves nothing of the difference of exponentials.
     small = gap < 1e-2
     mean = dr.select(small, 1 - gap * (0.5 - gap / 6), (1 - dr.exp(-gap)) / dr.select(small, 1, gap))
     return view * dr.exp(-dr.minimum(view, source)) * mean

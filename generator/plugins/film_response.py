@@ -1,7 +1,7 @@
-"""Electrons that a spectrum makes in each channel of a film: integrals over wavelength as products of matrices.
+"""Electrons from a spectrum in each channel of a film: integrals over wavelength as products of matrices.
 
-The film's response is evaluated once at a few wavelengths, evenly spread over the whole range; the integral of any spectrum
-is then a weighted sum. For stars the sums are tabulated over colour and airmass, on which alone they depend.
+The film's response is evaluated once at a few wavelengths, evenly spread over the whole range; the integral of any
+spectrum is then a weighted sum. For stars the sums are tabulated over colour and airmass, on which alone they depend.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 Floats = NDArray[np.float64]
 
 WAVELENGTH_GROUPS = 33
-"""Wavelengths over four: one every 4.9 nm."""
+"""Number of groups of four wavelengths: one wavelength every 4.9 nm."""
 DARK = 1e-30
 STARS_AT_ONCE = 16384
-"""Few enough for the intermediate arrays to fit into the processor's cache."""
+"""Number of stars per step, few enough for the intermediate arrays to fit into the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class FilmResponse:
     ----------
     wavelength_nm : (m,) array
     electrons : (channels, m) array
-        Electrons per photon nm^-1 at each wavelength, over the spectral range: the sum of response times spectrum is the
+        Electrons per photon nm^-1 at each wavelength, over the spectral range; the sum of response times spectrum is the
         integral.
     """
 
@@ -46,7 +46,7 @@ class FilmResponse:
 
     @property
     def channels(self) -> int:
-        """Of the film."""
+        """Number of channels of the film."""
         return len(self.electrons)
 
     def of(self, spectra: Floats) -> Floats:
@@ -64,14 +64,14 @@ class FilmResponse:
     ) -> Floats:
         """Integrals of n extinguished star spectra in equal bands of the spectral range.
 
-        Linear in row and column, as the spectra are; between nodes of the airmass the logarithm is linear, which is within
-        1e-4 in clear and 5e-4 in hazy air (aerosol optical depth 0.6).
+        They are linear in row and column, as the spectra are; between nodes of the airmass the logarithm is linear, which
+        is accurate to 1e-4 in clear and 5e-4 in hazy air (aerosol optical depth 0.6).
 
         Parameters
         ----------
         colour_table : (rows, columns, len(GRID_NM)) array
         optical_depth : (len(GRID_NM),) or (nodes, len(GRID_NM)) array
-            Per airmass: of any path, or of those of :func:`generator.light.airmass_nodes.airmass_nodes`.
+            Optical depth per airmass: for any path, or for the nodes of :func:`generator.light.airmass_nodes.airmass_nodes`.
         colour_row, colour_column, airmass : (n,) arrays
             Fractional row and column, and relative airmass.
         bands : int
@@ -96,7 +96,7 @@ class FilmResponse:
         row = np.minimum(colour_row.astype(np.intp), rows - 2)
         column = np.minimum(colour_column.astype(np.intp), columns - 2)
         down, across = (colour_row - row).astype(np.float32), (colour_column - column).astype(np.float32)
-        # Columns last: of the eight values that are blended, each four lie close together in memory.
+        # Columns come last, so that of the eight interpolated values, each group of four is adjacent in memory.
         lower = (row * count + node) * columns + column
         steps = (0, 1, columns * count, columns * count + 1)
         shares = ((1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across)
@@ -114,7 +114,7 @@ class FilmResponse:
 
     @property
     def on_grid(self) -> Floats:
-        """The same for spectra at GRID_NM, linear in between: (channels, len(GRID_NM)) array."""
+        """Response for spectra at GRID_NM, linear in between: (channels, len(GRID_NM)) array."""
         return self.of(np.eye(len(GRID_NM)))
 
     def _at_wavelengths(self, spectra: Floats) -> Floats:
@@ -122,7 +122,7 @@ class FilmResponse:
 
 
 def _at_wavelengths(wavelength_nm: Floats, spectra: Floats) -> Floats:
-    """Spectra (k, n) on GRID_NM at m wavelengths, (k, m) array."""
+    """Interpolate spectra (k, n) on GRID_NM at m wavelengths, (k, m) array."""
     position = np.interp(wavelength_nm, GRID_NM, np.arange(len(GRID_NM)))
     lower = np.minimum(position.astype(np.intp), len(GRID_NM) - 2)
     weight = position - lower
@@ -137,9 +137,9 @@ class _StarTable:
     ----------
     airmass : (nodes,) array
     columns : list of int
-        Channel and band (channel x bands + band) in which the film has any response.
+        Channels and bands (channel x bands + band) in which the film has any response.
     logarithms : list of (rows x nodes x columns,) float32 arrays
-        Of the electrons in each of these; their rounding changes the light by 2e-6.
+        Logarithms of the electrons in each of these; their rounding changes the light by 2e-6.
     """
 
     airmass: Floats
@@ -156,7 +156,7 @@ def _star_table(
     optical_depth: bytes,
     bands: int,
 ) -> _StarTable:
-    """The arrays of :meth:`FilmResponse.of_stars` as bytes: frames of one camera under one air share their table."""
+    """Table for :meth:`FilmResponse.of_stars`, cached by its arrays as bytes: frames of one camera and air share it."""
     wavelengths = np.frombuffer(wavelength_nm)
     depth = np.frombuffer(optical_depth).reshape(-1, len(GRID_NM))
     nodes = airmass_nodes(len(depth) if len(depth) > 1 else LEVEL_NODES)
@@ -168,7 +168,7 @@ def _star_table(
     for channel, response in enumerate(np.frombuffer(electrons).reshape(-1, len(wavelengths))):
         for number in range(bands):
             chosen = band == number
-            # Filters leave a channel blind in some bands.
+            # Filters block some bands for a channel.
             if (response[chosen] > 0).any():
                 light = (shapes[:, chosen] * response[chosen]) @ passed[:, chosen].T
                 columns.append(channel * bands + number)

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 Pattern = tuple[tuple[int, int], tuple[int, int]]
-"""Channel of the pixels of the first 2 x 2, by row and column."""
+"""Channels of the first 2 x 2 pixels, by row and column."""
 
 
 def choose(pattern: Pattern, channels: list[Any], column: Any, row: Any) -> Any:
@@ -19,6 +19,6 @@ def choose(pattern: Pattern, channels: list[Any], column: Any, row: Any) -> Any:
 
 
 def chosen(pattern: Pattern, planes: list[Any], width: int, height: int) -> Any:
-    """What the pixels of a frame record of the planes (Float) of its channels."""
+    """Values that the pixels of a frame record of the planes (Float) of its channels."""
     pixel = dr.arange(mi.UInt32, width * height)
     return choose(pattern, planes, mi.Int32(pixel % width), mi.Int32(pixel // width))

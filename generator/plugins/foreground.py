@@ -16,25 +16,25 @@ GREY_NM = 550.0
 def lit_directions(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, Any]]:
     """Split the light that geometry reflects along rays into one part per direction of the sky.
 
-    Directions are those of a Sobol set (the same for every pixel, which makes frames reproducible), unless other geometry
-    blocks them; one bounce, grey reflectance.
+    Directions are those of a Sobol set (the same for every pixel, which makes frames reproducible); those that other
+    geometry blocks contribute nothing. There is one bounce, with grey reflectance.
 
     Parameters
     ----------
     scene : Scene
-        With an environment emitter whose `sample_direction` works.
+        Scene with an environment emitter that implements `sample_direction`.
     ray : Ray3f
     samples : int
-        Directions.
+        Number of directions.
 
     Yields
     ------
     weight : Float
-        Factor on the sky's radiance from the direction; 0 without geometry.
+        Factor on the sky's radiance in the direction; 0 without geometry.
     direction : Vector3f
-        Towards the sky.
+        Direction towards the sky.
     """
-    # Its import takes half a second.
+    # This import takes half a second.
     from scipy.stats import qmc
 
     environment = scene.environment()

@@ -1,10 +1,9 @@
 """``skybench_integrator``: expected electrons of a night-sky scene, without Monte Carlo noise.
 
-The diffuse sky is taken by camera rays through the pixels' centres, its spectra integrated over the film's response. Stars
-are projected by the same sensor at many moments of the exposure (:mod:`generator.plugins.star_tracks`) and spread over pixels
-by the point spread function (:mod:`generator.plugins.star_splats`).
-Geometry in front of the sky is a dark silhouette, unless ``lit_samples`` sets the number of directions from which the sky
-lights it.
+The diffuse sky is sampled by camera rays through the pixels' centres, and its spectra are integrated over the film's
+response. Stars are projected by the same sensor at many moments of the exposure (:mod:`generator.plugins.star_tracks`)
+and spread over pixels by the point spread function (:mod:`generator.plugins.star_splats`). Geometry in front of the sky
+is a dark silhouette, unless ``lit_samples`` sets the number of directions from which the sky lights it.
 
 =======================  =======  ================================================================================
 parameter                type     meaning
@@ -13,21 +12,21 @@ parameter                type     meaning
 ``psf_stamps``           tensor   (bands, rows, columns, …): see :class:`generator.plugins.psf_atlas.PsfAtlas`
 ``psf_shift``            tensor   (bands,): lateral chromatic shift at the corner, px
 ``psf_inside``           tensor   (radius + 1, bands, rows, columns): light within squares of 1, 3, 5 … px
-``psf_beyond``           tensor   (radius + 1,): largest share of a pixel outside of them
-``wavelength_groups``    int      wavelengths per pixel over four (default 33: one every 4.9 nm)
+``psf_beyond``           tensor   (radius + 1,): largest fraction in a pixel outside them
+``wavelength_groups``    int      groups of four wavelengths per pixel (default 33: a wavelength every 4.9 nm)
 ``largest_step_px``      float    longest step of a star between two moments of the exposure
 ``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
-``sky_moments``          int      moments of the exposure at which the sky is looked at (default 1)
+``sky_moments``          int      moments of the exposure at which the sky is sampled (default 1)
 ``lit_samples``          int      directions from which the sky lights geometry (default 0: silhouettes)
 ``landscape_maps``       tensor   ((rows + 2) x (columns + 2) x planes,): texels as in
                                   :class:`generator.ground.surface_textures.Surface` (optional)
-``landscape_planes``     int      of a texel
+``landscape_planes``     int      numbers of a texel
 ``landscape_shines``     boolean  whether its own light counts
 ``landscape_terms``      tensor   (channels x azimuths x 8,): light of each surface, from the second number on
 ``landscape_cells``      tensor   (180 x 360,): 1 for cells of 1 deg of the sphere with any of it, from the zenith and north
-``landscape_channels``   int      of the terms
-``landscape_rows``       int      of the maps; so ``landscape_columns``
-``landscape_top_deg``    float    altitude of their upper edge; so ``landscape_bottom_deg``, and where they are a part of
+``landscape_channels``   int      channels of the terms
+``landscape_rows``       int      rows of the maps; likewise ``landscape_columns``
+``landscape_top_deg``    float    altitude of their upper edge; likewise ``landscape_bottom_deg``, and if they are a part of
                                   the circle ``landscape_first_column`` and ``landscape_whole_columns`` (0: all of it)
 ``surroundings_maps``    tensor   the same of the whole circle, coarser, for light from outside the frame (with its edges)
 =======================  =======  ================================================================================
@@ -61,11 +60,11 @@ from generator.plugins.star_tracks import StarTracks, by_band, dispersed, follow
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
-"""Radius of a Gaussian's largest stamp; 2e-9 of the light lies beyond along each axis."""
+"""Radius of a Gaussian's largest stamp; 2e-9 of the light is beyond it along each axis."""
 FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))
-"""Factors on the step for stars of fewer electrons: at four times half the width the image ripples by 2 %."""
+"""Factors on the step for stars with fewer electrons: with four times half the width the image ripples by 2 %."""
 LOOKS_AT_ONCE = 4
-"""Looks at a landscape in one launch."""
+"""Samples of a landscape in one launch."""
 
 
 class NightSkyIntegrator(mi.SamplingIntegrator):
@@ -135,7 +134,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         return self.diffuse_and_cover(scene, camera, pattern)[0]
 
     def diffuse_and_cover(self, scene: Any, camera: NightSkyCamera, pattern: Pattern | None = None) -> tuple[Any, Any]:
-        """:meth:`diffuse`, and the part of each pixel, TensorXf (height, width), that is not sky."""
+        """:meth:`diffuse`, and the fraction of each pixel, TensorXf (height, width), that is not sky."""
         film = camera.film()
         width, height = camera.width, camera.height
         channels = film.create_block().channel_count() - 1
@@ -153,7 +152,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         if self.landscape is None:
             self._add_moments(image, environment, camera, points, terms, free, seen)
         else:
-            # Where a landscape hides the sky, it is not looked at.
+            # Where a landscape hides the sky, the sky is not evaluated.
             open_sky = dr.compress(free > 0)
             if dr.width(open_sky):
                 part = [dr.zeros(mi.Float, dr.width(open_sky)) for _ in range(planes)]
@@ -182,7 +181,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         free: Any,
         seen: tuple[Pattern, Any, Any] | None,
     ) -> Any:
-        """Add the landscape's light to planes where no geometry covers it (`free`); the part of each pixel it leaves."""
+        """Add the landscape's light to planes where no geometry covers it (`free`); returns what it leaves of each pixel."""
         assert self.landscape is not None
         landscape = self.landscape
         middle, _ = camera.line_ray(dr.opaque(FLOAT64, 0.5), points)
@@ -192,7 +191,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         if not dr.width(chosen):
             return left
         those = points.of(chosen)
-        # Each look is at a moment and a place in the pixel of its own.
+        # Each sample has a moment and a place in the pixel of its own.
         looks = len(PIXEL_SAMPLES) * math.ceil(self.coverage_moments / len(PIXEL_SAMPLES))
         means: list[Any] = []
         for look in range(looks):
@@ -227,7 +226,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         free: Any,
         seen: tuple[Pattern, Any, Any] | None,
     ) -> None:
-        """Add the sky's light at all moments at which it is looked at, by the part of pixels that is `free`."""
+        """Add the sky's light at all sampled moments, weighted by the fraction of pixels that is `free`."""
         for look in range(self.sky_moments):
             ray, etendue = camera.line_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), points)
             etendue *= free / self.sky_moments
@@ -241,7 +240,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         etendue: Any,
         seen: tuple[Pattern, Any, Any] | None = None,
     ) -> None:
-        """Add light of the sky to planes: a sum of terms, each a value by direction times an integrated spectrum."""
+        """Add light of the sky to planes: a sum of terms, each a value for the direction times an integrated spectrum."""
         lights = []
         for spectrum in terms:
             light = mi.Float(0)
@@ -272,12 +271,12 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         return self._response
 
     def electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> NDArray[np.float64]:
-        """Expected electrons of each star on the boresight, over the whole point spread function.
+        """Expected electrons of each star as if on the boresight, over the whole point spread function.
 
         Returns
         -------
         (stars, channels, bands) array
-            In equal bands of the spectral range.
+            Electrons in equal bands of the spectral range.
         """
         if (emitter.id(), bands) not in self._electrons:
             shape = self.response(camera).of_stars(
@@ -293,7 +292,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         return self._electrons[emitter.id(), bands]
 
     def forget(self, emitter: StarEmitter) -> None:
-        """Drop what is kept of an emitter, for another one of its name."""
+        """Drop cached data of an emitter, for another one of the same name."""
         for key in [key for key in self._electrons if key[0] == emitter.id()]:
             del self._electrons[key]
 
@@ -360,7 +359,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
 
 def interleaved(planes: list[Any]) -> Any:
-    """The planes' values (Floats of equal length), pixel by pixel."""
+    """Interleave the planes' values (Floats of equal length), pixel by pixel."""
     if len(planes) == 1:
         return planes[0]
     values = dr.zeros(mi.Float, len(planes) * dr.width(planes[0]))

@@ -1,4 +1,4 @@
-"""A landscape around the camera: how much of the sky it hides in each direction, and the light that it sends."""
+"""A landscape around the camera: the fraction of the sky that it hides in each direction, and the light that it emits."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.scene_tensors import array
 
 PACKET = 4
-"""Numbers that are read at once."""
+"""Numbers read at once."""
 PIXEL_SAMPLES = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
-"""Places, px from a pixel's middle, at which it is looked at."""
+"""Offsets, px, from a pixel's centre at which the landscape is sampled."""
 TERM_PLANES = 1 + SURFACES
 MARGIN_TEXELS = 2.0
-"""Around the middles of texels, as far as a look between them reaches."""
+"""Margin around the centres of texels, as far as interpolation between them reaches."""
 
 
 class LandscapeTexture:
@@ -27,9 +27,9 @@ class LandscapeTexture:
     Parameters
     ----------
     props : Properties
-        Of the integrator; see there.
+        Properties of the integrator; see there.
     name : str
-        With which the landscape's parameters begin.
+        Prefix of the landscape's parameters.
     """
 
     def __init__(self, props: Any, name: str) -> None:
@@ -44,35 +44,35 @@ class LandscapeTexture:
         self.azimuths = dr.width(self.terms) // (self.channels * TERM_PLANES)
         whole = int(number("whole_columns"))
         self.whole = whole or self.columns
-        # Columns that the maps lack are equally far from both of their edges.
+        # Columns that the maps lack are at equal distances from both edges.
         self.margin = 0.5 * (self.whole - self.columns)
         self.first = number("first_column") - self.margin
         top_deg, bottom_deg = number("top_deg"), number("bottom_deg")
         self.top, self.span = math.radians(top_deg), math.radians(top_deg - bottom_deg)
 
     def place(self, direction: Any) -> tuple[Any, Any]:
-        """Row and column (Floats) of unit vectors (Vector3f, ENU), in texels from the middle of the first."""
+        """Row and column (Floats) of unit vectors (Vector3f, ENU), in texels from the centre of the first."""
         altitude = dr.asin(dr.clip(direction.z, -1, 1))
         row = (self.top - altitude) * (self.rows / self.span) - 0.5
         return row, self._within(_turn(direction) * self.whole - self.first - 0.5 - self.margin)
 
     def _within(self, column: Any) -> Any:
-        """A column of the circle, moved to the turn in which the maps are."""
+        """Shift a column of the circle to the turn that contains the maps."""
         lowest = -self.margin - 0.5
         return column - self.whole * dr.floor((column - lowest) / self.whole)
 
     def alpha(self, direction: Any) -> Any:
-        """Part of light from unit vectors (Vector3f, ENU) that the landscape hides (Float)."""
+        """Fraction of the light from unit vectors (Vector3f, ENU) that the landscape hides (Float)."""
         return self._alpha(*self.place(direction))
 
     def at(self, direction: Any) -> list[Any]:
-        """What there is in unit vectors (Vector3f, ENU): alpha, each surface, and own light by channel (Floats)."""
+        """Contents along unit vectors (Vector3f, ENU): alpha, each surface, and own light by channel (Floats)."""
         corners, across, down = self._corners(*self.place(direction))
         texels = [self._texel(corner) for corner in corners]
         return [_between(values, across, down) for values in zip(*texels, strict=True)]
 
     def hidden(self, direction: Any, width_rad: float) -> Any:
-        """Part of points of light (Float) that the landscape hides: the mean of alpha over a square of `width_rad`."""
+        """Fraction of points of light (Float) that the landscape hides: the mean of alpha over a square of `width_rad`."""
         row, column = self.place(direction)
         level = dr.maximum(dr.sqrt(dr.square(direction.x) + dr.square(direction.y)), 1e-3)
         down = width_rad * self.rows / self.span
@@ -84,9 +84,9 @@ class LandscapeTexture:
         return total / len(PIXEL_SAMPLES)
 
     def _corners(self, row: Any, column: Any) -> tuple[list[Any], Any, Any]:
-        """The four texels (UInt32) around rows and columns (Floats, columns from -0.5 to `columns` - 0.5), and their shares.
+        """The four texels (UInt32) around rows and columns (Floats, columns from -0.5 to `columns` - 0.5), and weights.
 
-        Shares of the second column and of the second row.
+        The weights are those of the second column and of the second row.
         """
         row = dr.clip(row + 1, 0, self.rows + 1)
         column = dr.clip(column + 1, 0, self.columns + 1)
@@ -102,7 +102,7 @@ class LandscapeTexture:
         return _between(values, across, down)
 
     def _texel(self, place: Any) -> list[Any]:
-        """What there is in texels (UInt32), as :meth:`at`."""
+        """Contents of texels (UInt32), as :meth:`at`."""
         count = REFLECTING + self.shines * self.channels
         packets = self.planes // PACKET
         read = [
@@ -120,7 +120,7 @@ class LandscapeTexture:
         ]
 
     def light(self, found: list[Any], direction: Any, seen: tuple[Pattern, Any, Any] | None = None) -> list[Any]:
-        """Signal by channel, or of the channel that each pixel sees, of what :meth:`at` found around unit vectors."""
+        """Signal by channel, or of the channel that each pixel records, of the contents `found` by :meth:`at`."""
         turn = _turn(direction)
         place = (turn - dr.floor(turn)) * self.azimuths
         before = dr.minimum(mi.UInt32(place), self.azimuths - 1)
@@ -147,12 +147,12 @@ class LandscapeTexture:
         return signals
 
     def around(self, reach_rad: float) -> Any:
-        """Where directions are that some part of the landscape is near: a grid of CELL_DEG, 1 or 0 (Float), row by row.
+        """Grid of CELL_DEG that marks directions near some part of the landscape: 1 or 0 (Float), row by row.
 
         Parameters
         ----------
         reach_rad : float
-            How near.
+            Largest distance.
         """
         margin_deg = MARGIN_TEXELS * max(math.degrees(self.span) / self.rows, 360 / self.whole)
         grown = grown_cells(self.cells, math.degrees(reach_rad) + margin_deg)
@@ -174,11 +174,11 @@ def _turn(direction: Any) -> Any:
 
 
 def _between(corners: Any, across: Any, down: Any) -> Any:
-    """Values of four texels blended: those of the upper two, then the lower two."""
+    """Interpolate the values of four texels: first the upper two, then the lower two."""
     a, b, c, d = corners
     return dr.lerp(dr.lerp(a, b, across), dr.lerp(c, d, across), down)
 
 
 def texture(props: Any, name: str) -> LandscapeTexture | None:
-    """A landscape of an integrator's properties, whose names begin with `name`; None without one."""
+    """Return the landscape of an integrator's properties whose names begin with `name`; None without one."""
     return LandscapeTexture(props, name) if f"{name}_maps" in props else None

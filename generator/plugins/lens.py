@@ -1,9 +1,9 @@
-"""Lens models: the one piece of code that maps directions to pixels and back, for rays and for star splats.
+"""Lens models: the only code that maps directions to pixels and back, for rays and for star splats.
 
-Written with Dr.Jit functions on plain components, so that it serves single and double precision alike. Models, numbers and
-sources are those of :mod:`generator.scenario.projection`. Inverses that have no closed form are Newton's method inside a
-shrinking bracket (a step that leaves it is replaced by bisection), with a fixed number of steps. Outside a model's valid
-range the mask is False.
+It is written with Dr.Jit functions on plain components, so that it works in single and double precision alike. Models,
+parameters and sources are those of :mod:`generator.scenario.projection`. Inverses that have no closed form use Newton's
+method inside a shrinking bracket (a step that leaves it is replaced by bisection), with a fixed number of steps. Outside
+a model's valid range the mask is False.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ class Lens(Protocol):
     """A projection. Pixel centres are at integers; the camera frame is x right, y down, z along the boresight."""
 
     def project(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-        """Pixel position (u, v) of a camera-frame direction, and whether it lies in the model's valid range."""
+        """Pixel position (u, v) of a camera-frame direction, and whether it is in the model's valid range."""
 
     def unproject(self, u: Any, v: Any) -> tuple[Any, Any, Any, Any]:
-        """Camera-frame unit vector of a pixel position, and whether it lies in the model's valid range."""
+        """Camera-frame unit vector of a pixel position, and whether it is in the model's valid range."""
 
     def solid_angle(self, x: Any, y: Any, z: Any) -> Any:
         """Solid angle, sr, of a pixel that looks along a camera-frame unit vector."""
@@ -154,7 +154,7 @@ class BrownConrady:
 
 
 class Fisheye:
-    """r = f g(theta) around the boresight, theta the angle from it.
+    """Projection r = f g(theta) around the boresight, where theta is the angle from it.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class Fisheye:
     limit : float
         Largest theta, rad.
     edge : float
-        g there.
+        Value of g there.
     """
 
     def __init__(
@@ -236,7 +236,7 @@ class OffAxis:
     Parameters
     ----------
     base : Lens
-        Its focal length is 1, its principal point (0, 0).
+        Lens with a focal length of 1 and the principal point (0, 0).
     f_px, fy_px, cx_px, cy_px : float
     p : two floats, or none
     s : four floats, or none
@@ -280,7 +280,7 @@ class OffAxis:
         return a, b, dr.select(third > 0, determinant * self.tilt[2] / (third * third * third), 0)
 
     def project(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-        """Pixel position; valid where the base's is and the image is not folded."""
+        """Pixel position; valid if the base's is and the image is not folded."""
         a, b, valid = self.base.project(x, y, z)
         a, b, determinant = self._bend(a, b)
         return self.cx_px + self.f_px * a, self.cy_px + self.fy_px * b, valid & (determinant > 0)
@@ -303,14 +303,14 @@ class OffAxis:
         return x, y, z, valid & reached
 
     def solid_angle(self, x: Any, y: Any, z: Any) -> Any:
-        """Solid angle, sr: the base's over the determinant of what follows it."""
+        """Solid angle, sr: the base's divided by the determinant of the subsequent mapping."""
         a, b, _ = self.base.project(x, y, z)
         _, _, determinant = self._bend(a, b)
         return self.base.solid_angle(x, y, z) / (self.f_px * self.fy_px * dr.maximum(dr.abs(determinant), TINY))
 
 
 def newton_2d(function: Any, wanted_a: Any, wanted_b: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    """Solve function(a, b) = wanted from a near place; it returns the value and the matrix of derivatives."""
+    """Solve function(a, b) = wanted from a nearby start; the function returns the value and the matrix of derivatives."""
     for _ in range(TANGENTIAL_STEPS):
         bent_a, bent_b, aa, ab, ba, bb = function(a, b)
         determinant = aa * bb - ab * ba
@@ -324,7 +324,7 @@ def newton_2d(function: Any, wanted_a: Any, wanted_b: Any, a: Any, b: Any) -> tu
 
 
 def bracketed_newton(function: Any, wanted: Any, limit: Any) -> Any:
-    """Solve function(r) = wanted for r in [0, limit], where the function increases from 0; it returns (value, derivative)."""
+    """Solve function(r) = wanted for r in [0, limit], where the function increases from 0 and returns (value, derivative)."""
     low, high = dr.zeros(type(wanted), dr.width(wanted)), wanted * 0 + limit
     r = dr.minimum(wanted, high)
     for _ in range(NEWTON_STEPS):
@@ -338,7 +338,7 @@ def bracketed_newton(function: Any, wanted: Any, limit: Any) -> Any:
 
 
 def make_lens(projection: Projection, number: Any) -> Lens:
-    """Build the lens of a projection; `number` turns a float into the arithmetic type to compute in (opaque)."""
+    """Build the lens of a projection; `number` converts a float to the arithmetic type of the computation (opaque)."""
     f_px, fy_px, cx_px, cy_px = (projection.f_px, projection.fy_px, projection.cx_px, projection.cy_px)
     scale: Scale = (number(f_px), number(fy_px), number(cx_px), number(cy_px))
     pinhole_like = projection.model in PINHOLE_LIKE
@@ -353,7 +353,7 @@ def make_lens(projection: Projection, number: Any) -> Lens:
     s = [number(value) for value in projection.full_s if any(projection.s)]
     if s and not p:
         p = [number(0.0), number(0.0)]
-    # The pinhole models take decentring and thin prism themselves.
+    # The pinhole models apply decentring and thin prism themselves.
     decentred = any(projection.p) or any(projection.s)
     if tilt is None and (pinhole_like or not decentred):
         return _centred_lens(projection, scale, p, s, number)
@@ -364,7 +364,7 @@ def make_lens(projection: Projection, number: Any) -> Lens:
 
 
 def _centred_lens(projection: Projection, scale: Scale, p: list[Any], s: list[Any], number: Any) -> Lens:
-    """The lens without tilt; of the fisheyes without decentring too."""
+    """Build the lens without tilt, and for fisheyes also without decentring."""
     if projection.model == "pinhole" and not (any(projection.p) or any(projection.s)):
         return Pinhole(*scale)
     limit = number(projection.limit)

@@ -13,7 +13,7 @@ from generator.optics.psf import FINE_PER_PX
 
 Floats = NDArray[np.float64]
 MARGIN_PX = 256
-"""Exceeds the distance by which part of a stamp can lie outside the table."""
+"""Upper limit of the distance by which part of a stamp can be outside the table."""
 
 
 class PsfAtlas:
@@ -22,13 +22,13 @@ class PsfAtlas:
     Parameters
     ----------
     stamps : TensorXf
-        (bands, rows, columns, FINE_PER_PX, FINE_PER_PX, k, k): share of the light that a pixel receives, by its distance from
-        the star, every 1/FINE_PER_PX px from -radius - 0.5 to radius + 0.5, k = 2 radius + 2. Whole pixels vary fastest, so
-        that a star's pixels are neighbours in memory.
+        (bands, rows, columns, FINE_PER_PX, FINE_PER_PX, k, k): fraction of the light that a pixel receives, by its
+        distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to radius + 0.5, k = 2 radius + 2. Whole pixels
+        vary fastest, so that a star's pixels are neighbours in memory.
     shift : (bands,) array
         Lateral chromatic shift away from the principal point at distance `corner_px` from it, px; linear in the distance.
     width, height : int
-        Of the frame; the outermost nodes lie on its outer edges.
+        Size of the frame; the outermost nodes are on its outer edges.
     cx_px, cy_px, corner_px : float
         Principal point and the corner's distance from it, px.
     """
@@ -45,12 +45,12 @@ class PsfAtlas:
 
     @property
     def shift_px(self) -> int:
-        """Whole pixels by which any band is shifted at most."""
+        """Largest shift of any band, rounded up to whole pixels."""
         return int(np.ceil(np.abs(self.shifts).max()))
 
     @property
     def reach_px(self) -> int:
-        """Pixels from a star's own within which its light falls in any band."""
+        """Distance in pixels from a star's own pixel within which its light falls in any band."""
         return self.radius_px + self.shift_px
 
     def node(self, u_px: Floats, v_px: Floats) -> NDArray[np.intp]:
@@ -62,7 +62,7 @@ class PsfAtlas:
         return row * self.columns + column
 
     def shares(self, band: int, node: Any, du: Any, dv: Any, count: int) -> list[Any]:
-        """Shares of the light of a band that fall on `count` pixels in a row, a Float each.
+        """Fractions of a band's light that fall on `count` pixels in a row, one Float each.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class PsfAtlas:
         node : UInt32
             From :meth:`node`.
         du, dv : Float
-            From the star (where its light of 550 nm falls, less the band's shift) to the first pixel's centre, px.
+            Offset from the star (where its light of 550 nm falls, minus the band's shift) to the first pixel's centre, px.
         count : int
         """
         samples = (self.side - 1) * FINE_PER_PX
@@ -78,7 +78,7 @@ class PsfAtlas:
         for distance in (du, dv):
             place = (distance + (self.radius_px + 0.5)) * FINE_PER_PX
             floor = dr.floor(place)
-            # A margin in front keeps the division below from meeting negative numbers.
+            # The margin keeps the following division from meeting negative numbers.
             lower.append(mi.Int32(floor) + MARGIN_PX * FINE_PER_PX)
             weight.append(place - floor)
         in_rows = (lower[1] >= MARGIN_PX * FINE_PER_PX) & (lower[1] < MARGIN_PX * FINE_PER_PX + samples)

@@ -17,12 +17,12 @@ LOOKS_LIKE_A_COLOUR = 3
 
 
 def tensor(values: ArrayLike) -> Any:
-    """Mitsuba tensor of an array, in single precision, as :func:`array` reads it; needs a running Mitsuba."""
+    """Convert an array to a Mitsuba tensor in single precision that :func:`array` can read; needs a running Mitsuba."""
     single = np.ascontiguousarray(values, dtype=np.float32)
     return mitsuba_runtime.start().TensorXf(single[None] if len(single) == LOOKS_LIKE_A_COLOUR else single)
 
 
 def array(value: Any, axes: int, dtype: Any = np.float64) -> NDArray[Any]:
-    """A parameter with `axes` axes as an array, without the additional leading axis."""
+    """Convert a parameter with `axes` axes to an array, without the additional leading axis."""
     result = np.array(value, dtype=dtype)
     return result[0] if result.ndim == axes + 1 and len(result) == 1 else result

@@ -8,12 +8,12 @@ parameter               type     meaning
 ``maps``                tensor   (1, k, ny, nx): rows by altitude as in :mod:`generator.sky.directions`, columns by azimuth
 ``spectra``             tensor   (1, k, n): spectra on the generator's wavelength grid
 ``veiled_maps``         tensor   (1, veils * k, ny, nx): further maps of the same spectra behind veils of cloud (optional)
-``moon``                tensor   of :func:`generator.plugins.clouds.moon_numbers`: the last of the veils is that of moonlight;
-                                 so ``moon_angles`` and ``moon_more`` (optional)
+``moon``                tensor   from :func:`generator.plugins.clouds.moon_numbers`: the last veil is that of moonlight;
+                                 likewise ``moon_angles`` and ``moon_more`` (optional)
 ``low_maps``            tensor   (1, k, m, nx): maps below the horizontal, rows evenly from the horizon up to 0 (optional)
 ``lowest_deg``          float    apparent altitude of the horizon of ``low_maps``
-``cloud_coarse``        tensor   tile of the cloud's field; so ``cloud_fine``
-``cloud_numbers``       tensor   of :func:`generator.plugins.clouds.cloud_numbers`
+``cloud_coarse``        tensor   tile of the cloud's field; likewise ``cloud_fine``
+``cloud_numbers``       tensor   from :func:`generator.plugins.clouds.cloud_numbers`
 ======================  =======  ==================================================================================
 
 Map times spectrum is radiance in photons s^-1 m^-2 nm^-1 sr^-1 at the ground. The scene's z axis is up; the sky is black
@@ -37,7 +37,7 @@ from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky.directions import ALTITUDE_POWER
 
 PACKET = 4
-"""Maps that are read at once."""
+"""Maps read at once."""
 DISTANCE = 1e6
 """Distance of the sky for shadow rays, scene units."""
 
@@ -88,7 +88,7 @@ class DiffuseSkyEmitter(mi.Emitter):
     def _texture(self, maps: NDArray[np.float32]) -> Any:
         """Maps (k, ny, nx) as a Float.
 
-        One column more than there are, so that the texture wraps in azimuth without a seam; terms vary fastest, so that a
+        It has an additional column, so that the texture wraps in azimuth without a seam. Terms vary fastest, so that a
         look-up reads neighbours in memory.
         """
         texels = aligned_zeros((maps.shape[1], self.columns + 1, self.stride), np.float32)
@@ -97,7 +97,7 @@ class DiffuseSkyEmitter(mi.Emitter):
         return mi.Float(texels.ravel())
 
     def _between(self, values: Any, place: tuple[Any, Any], share: tuple[Any, Any]) -> list[Any]:
-        """All maps of a texture between the texel at a row and column (UInt32) and the next ones, by shares of these."""
+        """Values of all maps between the texel at a row and column (UInt32) and the next ones, with weights for these."""
         first = place[0] * (self.columns + 1) + place[1]
         corners = []
         for texel in (first, first + 1, first + (self.columns + 1), first + (self.columns + 2)):
@@ -111,9 +111,9 @@ class DiffuseSkyEmitter(mi.Emitter):
         return [dr.lerp(dr.lerp(a, b, right), dr.lerp(c, d, right), down) for a, b, c, d in zip(*corners, strict=True)]
 
     def coefficients(self, direction: Any, aureole: bool = True) -> list[Any]:
-        """Value of every map in unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon.
+        """Value of every map along unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon.
 
-        Without the Moon's aureole in cloud it suits directions that are further apart than this is wide.
+        Without `aureole`, the Moon's aureole in cloud is left out, for directions that are further apart than its width.
         """
         up = direction.z >= 0
         altitude = dr.asin(dr.clip(direction.z, 0, 1)) * (2 / math.pi)
@@ -138,7 +138,7 @@ class DiffuseSkyEmitter(mi.Emitter):
         return [dr.select(up, value, 0) for value in result]
 
     def _low_coefficients(self, direction: Any, column: Any) -> list[Any]:
-        """The same between the horizon and the horizontal, at fractional columns; zero below the horizon."""
+        """Coefficients between the horizon and the horizontal, at fractional columns; zero below the horizon."""
         altitude = dr.asin(dr.clip(direction.z, -1, 0))
         row = dr.clip(1 - altitude / self.lowest_rad, 0, 1) * (self.low_rows - 1)
         r0 = dr.minimum(mi.UInt32(row), self.low_rows - 2)

@@ -15,7 +15,7 @@ SPECTRAL_RANGE_NM = GRID_STOP_NM - GRID_START_NM
 
 
 class SpectralTable:
-    """One or more spectra on GRID_NM; a row may be fractional, which blends two neighbouring spectra.
+    """One or more spectra on GRID_NM; a fractional row interpolates between two neighbouring spectra.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class SpectralTable:
 
 
 class ColourTable:
-    """Spectra on GRID_NM over two colours; row and column may be fractional, which blends four neighbouring spectra.
+    """Spectra on GRID_NM over two colours; fractional rows and columns interpolate between four neighbouring spectra.
 
     Parameters
     ----------

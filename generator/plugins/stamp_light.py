@@ -1,4 +1,4 @@
-"""The size of the stamp of each star: the wings of faint stars are below the noise."""
+"""The stamp size of each star, given that the wings of faint stars are below the noise."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from scipy.special import erf
 Floats = NDArray[np.float64]
 
 FAINTEST_PIXEL_E = 0.05
-"""Pixels beyond a star's stamp would have received no more electrons than this from the star."""
+"""Largest number of electrons that a pixel beyond a star's stamp would have received from the star."""
 SIZES_PX = (3, 4, 6, 9, 13, 19, 28, 40)
 LARGEST_MOVED_SHARE = 0.025
-"""No more than this part of a star's light is taken from beyond its stamp and spread over the stamp instead."""
+"""Largest fraction of a star's light that is taken from beyond its stamp and spread over the stamp instead."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class StampLight:
     Attributes
     ----------
     inside : (radius + 1, bands, rows, columns) array
-        Mean share of the light on a stamp, by wavelength band and field node.
+        Mean fraction of the light on a stamp, by wavelength band and field node.
     beyond : (radius + 1,) array
-        Largest share of a pixel beyond it.
+        Largest fraction in a pixel beyond it.
     """
 
     inside: Floats
@@ -35,7 +35,7 @@ class StampLight:
 
     @property
     def radius_px(self) -> int:
-        """Of the largest stamp, which is the point spread function's support."""
+        """Radius of the largest stamp, which is the point spread function's support."""
         return len(self.beyond) - 1
 
     @property
@@ -44,10 +44,10 @@ class StampLight:
         return self.inside[-1] / self.inside
 
     def radii(self, electrons: Floats) -> NDArray[np.int64]:
-        """Radii, px, of the stamps of stars, by their electrons (n,) in the brightest channel.
+        """Radii, px, of the stamps of stars, for their electrons (n,) in the brightest channel.
 
-        The smallest that keeps to FAINTEST_PIXEL_E and LARGEST_MOVED_SHARE, of a few sizes (every size costs a pass over
-        the stars); the largest where no smaller one does.
+        Each is the smallest of a few sizes that satisfies FAINTEST_PIXEL_E and LARGEST_MOVED_SHARE, or else the largest.
+        The sizes are few because every size costs a pass over the stars.
         """
         moved = 1 - 1 / self.gain.max(axis=(1, 2, 3))
         # Electrons above which each radius is too small.
@@ -60,11 +60,11 @@ class StampLight:
 
 
 def gaussian_light(sigma_px: float, radius_px: int) -> StampLight:
-    """The same for a Gaussian point spread function that is integrated over pixels."""
+    """Stamp light of a Gaussian point spread function that is integrated over pixels."""
     radius = np.arange(radius_px + 1)
     scale = math.sqrt(2) * sigma_px
     inside = erf((radius + 0.5) / scale) ** 2
-    # The star may be anywhere in the middle pixel.
+    # The star may be anywhere in the central pixel.
     beyond = 0.5 * (erf((radius + 1) / scale) - erf(radius / scale)) * erf(0.5 / scale)
     beyond[-1] = 0
     return StampLight(inside[:, None, None, None], beyond)

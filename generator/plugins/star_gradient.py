@@ -1,8 +1,8 @@
-"""The star pass again, differentiable: images of stars as functions of the camera's focal length, distortion and attitude.
+"""A differentiable star pass: images of stars as functions of the camera's focal length, distortion and attitude.
 
 The renderer adds splats in integers, through which no derivative passes. Here the camera's own projection, light falloff
-and shutter run on a lens and an attitude whose numbers carry derivatives, and the same Gaussian integrated over pixels is
-added in floating point. Tabulated point spread functions, light curves and geometry in front of the sky are left out.
+and shutter run on a lens and an attitude whose numbers carry derivatives, and the same pixel-integrated Gaussian is added
+in floating point. Tabulated point spread functions, light curves and geometry in front of the sky are left out.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from generator.plugins.stars import StarEmitter
 
 Floats = NDArray[np.float64]
 COARSE_RADIUS_SIGMAS = 3.5
-"""Where a blurred stamp ends: a thousandth of its light is beyond."""
+"""Radius at which a blurred stamp ends; a thousandth of its light is beyond."""
 PARAMETERS = ("log focal length", "k1", "turn about x", "turn about y", "turn about z")
-"""What an image is a function of: added to the logarithm of both focal lengths and to the lens model's k1; and a turn of the
-sky about the camera's axes after the scene's attitude, as a Gibbs vector times two (rad for small turns)."""
+"""Parameters of an image: offsets of the logarithm of both focal lengths and of the lens model's k1, and a rotation of the
+sky about the camera's axes after the scene's attitude, as a Gibbs vector times two (rad for small rotations)."""
 
 
 @dataclass(frozen=True)
 class StarImage:
-    """Expected electrons of stars, and how they change.
+    """Expected electrons of stars, and their derivatives.
 
     Attributes
     ----------
     electrons : (height, width) array
     derivatives : (k, height, width) array
-        By the parameters in `PARAMETERS`; k is 0 unless they are requested.
+        Derivatives with respect to `PARAMETERS`; k is 0 unless they are requested.
     """
 
     electrons: Floats
@@ -52,8 +52,8 @@ class DifferentiableStars:
     Parameters
     ----------
     scene : Scene
-        With a ``skybench_camera`` of one channel and a lens model that has a k1, a ``skybench_integrator`` with a Gaussian,
-        and the emitter ``stars``.
+        Scene with a ``skybench_camera`` of one channel and a lens model that has a k1, a ``skybench_integrator`` with a
+        Gaussian, and the emitter ``stars``.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class DifferentiableStars:
         if electrons.shape[1] != 1:
             raise ValueError(f"the differentiable star pass takes one channel, not {electrons.shape[1]}")
         tracks = integrator.follow(scene, self.camera, self.emitter)
-        # Evenly spaced over the exposure, as many as the renderer gives the star that moves most.
+        # Moments are evenly spaced over the exposure, as many as the renderer uses for the fastest star.
         self.moments = int(np.bincount(tracks.star).max(initial=1))
         self.electrons = electrons[:, 0]
 
@@ -87,11 +87,11 @@ class DifferentiableStars:
         Parameters
         ----------
         values : (5,) array
-            Of `PARAMETERS`.
+            Values of `PARAMETERS`.
         blur_px : float
-            Standard deviation of a further Gaussian, which widens the reach of a derivative.
+            Standard deviation of an additional Gaussian, which extends the reach of a derivative.
         derivatives : bool
-            Compute them, by forward differentiation, one pass a parameter.
+            Compute the derivatives, by forward differentiation, one pass per parameter.
         """
         parameters = [FLOAT64(float(value)) for value in values]
         dr.make_opaque(parameters)
@@ -110,7 +110,7 @@ class DifferentiableStars:
 
     @contextmanager
     def _changed(self, parameters: list[Any]) -> Iterator[NightSkyCamera]:
-        """The scene's camera with its lens and its attitude changed, until the block ends."""
+        """Yield the scene's camera with modified lens and attitude; they are restored when the block ends."""
         camera, (log_f, k1, *turn) = self.camera, parameters
         lens, quaternions = camera.precise_lens, camera.quaternions
         changed: Any = copy.copy(lens)
@@ -118,7 +118,7 @@ class DifferentiableStars:
         changed.k = [changed.k[0] + k1, *changed.k[1:]]
         frame = dr.arange(mi.UInt32, camera.keyframes)
         x, y, z, w = (dr.gather(FLOAT64, quaternions, 4 * frame + component) for component in range(4))
-        # The product of the turn's quaternion, (turn/2, 1), with the attitude's; the camera normalises it.
+        # Product of the rotation's quaternion, (turn/2, 1), with the attitude's; the camera normalises it.
         a, b, c = (0.5 * component for component in turn)
         product = (
             x + a * w + b * z - c * y,

@@ -1,4 +1,4 @@
-"""The moments into which the exposure of each star is cut, and the light that arrives at each of them."""
+"""Division of each star's exposure into moments, and the light that arrives at each of them."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 MOST_MOMENTS = 100_000
-"""Of one star: bounds memory where the camera turns many times during an exposure."""
+"""Largest number of moments of one star: limits memory if the camera turns many times during an exposure."""
 MOMENTS_PER_PART = 2
 """Least moments in each part of a light curve."""
 SHARE_STEP = 0.5e-3
-"""Half the step, in exposures, over which a star's motion across the rows is differenced."""
+"""Half the step, in exposures, of the finite difference of a star's motion across the rows."""
 OWN_STEP = 1 / 16
-"""The most of it in own times of stars."""
+"""Upper limit of that step, as a fraction of stars' own time spans."""
 SLOWEST = 1e-3
-"""Least part by which readout must outrun a star for the star to be drawn."""
+"""Least fraction by which readout must outrun a star for the star to be drawn."""
 
 
 @dataclass(frozen=True)
 class Moments:
-    """m moments, star by star and in the order of time.
+    """m moments, ordered by star and time.
 
     Attributes
     ----------
     star : (m,) array
         Index of the star.
     share : (m,) array
-        Of the exposure of the row it falls on, 0 to 1.
+        Fraction of the exposure of the row on which it falls, 0 to 1.
     per_star : (m,) array
-        Moments into which that star's time is cut, dark ones too.
+        Number of moments into which that star's time is divided, including dark ones.
     """
 
     star: Rows
@@ -51,9 +51,9 @@ class Moments:
 
 
 def cut_exposure(paths: Paths, camera: NightSkyCamera, largest_step_px: Floats, lit: LitShares | None) -> Moments:
-    """Cut the exposure of each star near the frame into moments between which it moves by a step (px, (n,)) at most.
+    """Divide the exposure of each star near the frame into moments between which it moves by at most a step (px, (n,)).
 
-    Of a star with a time of its own only that is cut, into moments of each part of its light curve.
+    If a star has its own time span, only that is divided, into moments of each part of its light curve.
     """
     steps = np.ceil(paths.longest_px * (paths.checks - 1) / largest_step_px[paths.star])
     count = np.clip(steps, 1, MOST_MOMENTS).astype(np.int64)
@@ -68,7 +68,8 @@ def cut_exposure(paths: Paths, camera: NightSkyCamera, largest_step_px: Floats, 
         return Moments(star, share, per_star)
     share = lit.share(star, share)
     if not camera.read_out_share:
-        # Times are known before places: what is dark, most of a strobe's time, is not followed. Of all dark the moments stay.
+        # Times are known before places, so dark moments, which are most of a strobe's time, are not followed. If all are
+        # dark, the moments are kept.
         shining = np.flatnonzero(lit.times.light_at(star, share) > 0)
         if len(shining):
             star, share, per_star = star[shining], share[shining], per_star[shining]
@@ -78,9 +79,9 @@ def cut_exposure(paths: Paths, camera: NightSkyCamera, largest_step_px: Floats, 
 def moment_light(
     camera: NightSkyCamera, emitter: StarEmitter, moments: Moments, placed: Placed, lit: LitShares | None
 ) -> Floats:
-    """Light of each moment, (m,) array, over that of the same star on the axis during a whole exposure.
+    """Light of each moment, (m,) array, relative to that of the same star on the axis during a whole exposure.
 
-    Lens, horizon, light curve and readout are in it; what stands in front of the sky is not.
+    It includes lens, horizon, light curve and readout, but not the foreground.
     """
     above = np.array(placed.direction[2]) >= emitter.lowest_sine
     weight = np.where(above | (not emitter.behind_foreground), relative_light(camera, placed), 0.0) / moments.per_star
@@ -98,29 +99,29 @@ def behind_geometry(scene: Any, placed: Placed) -> NDArray[np.bool_]:
 
 
 def behind_landscape(landscape: LandscapeTexture, camera: NightSkyCamera, placed: Placed) -> Floats:
-    """Part of each moment's source that a landscape hides, (m,) array: the mean over a pixel's width around it."""
+    """Fraction of each moment's source that a landscape hides, (m,) array: the mean over a pixel's width around it."""
     direction = mi.Vector3f(*(mi.Float(component) for component in placed.direction))
     return np.array(landscape.hidden(direction, 1 / camera.projection.f_px), dtype=np.float64)
 
 
 def beside_moon(camera: NightSkyCamera, emitter: StarEmitter, moments: Moments, placed: Placed) -> Floats:
-    """Part of each moment's light, (m,) array, that the Moon does not hide."""
+    """Fraction of each moment's light, (m,) array, that the Moon does not hide."""
     half = 0.5 * camera.exposure_share / moments.per_star
     return np.asarray(emitter.open_share(moments.star, placed.time - half, placed.time + half))
 
 
 def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, time: Floats) -> Floats:
-    """Time that a star spends per share of its row's exposure, over the exposure: it moves along with the readout or against.
+    """Time that a star spends per fraction of its row's exposure, relative to the exposure.
 
-    Its row v is read out at a time that grows by s per row; as the star itself moves by dv/dt rows, it stays for
-    1 / (1 - s dv/dt) of the exposure.
+    It differs from 1 because the star moves with or against the readout. Its row v is read out at a time that grows by s
+    per row. Since the star itself moves by dv/dt rows, it stays for 1 / (1 - s dv/dt) of the exposure.
     """
     index = mi.UInt32(aligned(star.astype(np.uint32)))
     step: Any = SHARE_STEP * camera.exposure_share
     start: Any = 0.0
     end: Any = 1.0
     if emitter.own is not None:
-        # Outside of its own time a star stands still.
+        # Outside its own time span a star stands still.
         start, end = emitter.own.start[star], emitter.own.end[star]
         step = np.minimum(step, OWN_STEP * emitter.own.length[star])
     before, after = np.clip(time - step, start, end), np.clip(time + step, start, end)

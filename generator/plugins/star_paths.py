@@ -1,7 +1,7 @@
-"""Where stars are on the film during the exposure, and how far they move between two keyframes of it.
+"""Places of stars on the film during the exposure, and their motion between two keyframes.
 
-Most stars move together, so that one star in every cell of the frame shows how the others do (the probes); flying objects
-each have a path of their own.
+Most stars move together, so one star in every cell of the frame (a probe) represents the motion of the others; flying
+objects each have a path of their own.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 COARSE_CHECKS = 33
-"""Shares of the exposure at which sources without probes are looked at first, to find those near the frame."""
+"""Number of moments of the exposure at which sources without probes are first examined, to find those near the frame."""
 FEW_SHARES: Floats = np.array([0.0, 0.5, 1.0])
-"""Shares of the exposure at which every star is projected where probes show the rest."""
+"""Fractions of the exposure at which every star is projected if probes represent the rest."""
 PROBES = (32, 24)
-"""Cells across and down the frame, with one probe each."""
+"""Numbers of cells across and down the frame, with one probe each."""
 SAFETY = 1.15
-"""Factor on the probes' motion, by more than it differs within a cell."""
+"""Factor on the probes' motion, larger than its variation within a cell."""
 SLACK_PX = 1.0
-"""Added to the probes' excursion, for cells whose stars hardly move."""
+"""Distance added to the probes' excursion, for cells whose stars hardly move."""
 FAR_PX = 200.0
-"""Probes count up to this far beyond the reach of the frame, because they stand for stars nearer to it."""
+"""Distance beyond the reach of the frame up to which probes count, because they represent stars nearer to it."""
 LANES_AT_ONCE = 1_000_000
 """Projections in one launch: enough to fill any device, few enough for its memory."""
 
@@ -47,13 +47,13 @@ class Placed:
     u, v : (m,) arrays
         Position, px; NaN outside the lens' range.
     cosine : (m,) array
-        Of the angle from the boresight.
+        Cosine of the angle from the boresight.
     valid : (m,) bool array
-        Whether the source lies within the lens' range.
+        Whether the source is within the lens' range.
     time : (m,) array
-        0 to 1 over the shutter's time.
+        Time, 0 to 1 over the shutter's time.
     direction : tuple of Float64
-        East, north, up on the device.
+        Directions east, north, up, on the device.
     """
 
     u: Floats
@@ -65,7 +65,7 @@ class Placed:
 
 
 def project(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, share: Floats) -> Placed:
-    """Project stars (indices, (m,)) when the rows that they fall on have had shares (m,) of their exposure."""
+    """Project stars (indices, (m,)) when fractions (m,) of the exposures of their rows have passed."""
     index = mi.UInt32(aligned(star.astype(np.uint32)))
     u, v, cosine, valid, time = camera.project_source(
         lambda time: emitter.direction(index, time), FLOAT64(aligned(share))
@@ -85,13 +85,13 @@ def relative_light(camera: NightSkyCamera, placed: Placed) -> Floats:
 
 @dataclass(frozen=True)
 class LitShares:
-    """Which part of the exposure of the rows that they fall on n stars shine in.
+    """Parts of their rows' exposures in which n stars shine.
 
     Attributes
     ----------
     times : OwnTimes
     first, length : (n,) arrays
-        In shares of the exposure.
+        Start and length as fractions of the exposure.
     """
 
     times: OwnTimes
@@ -99,15 +99,15 @@ class LitShares:
     length: Floats
 
     def share(self, star: Rows, own: Floats) -> Floats:
-        """Shares (m,) of the exposure at shares (m,) of the stars' own time."""
+        """Fractions (m,) of the exposure at fractions (m,) of the stars' own time span."""
         return self.first[star] + own * self.length[star]
 
     @classmethod
     def of(cls, camera: NightSkyCamera, emitter: StarEmitter) -> LitShares | None:
-        """Those of an emitter; None where all its stars shine throughout.
+        """Return those of an emitter; None if all its stars shine throughout.
 
-        With a rolling shutter an own time starts and ends where the star is then: rows differ in when their exposure starts.
-        Of a star outside the lens' range it is taken as long as it can be.
+        With a rolling shutter, the start and end of an own time span depend on the star's place then, because rows differ
+        in the start of their exposure. For a star outside the lens' range the longest possible span is used.
         """
         if emitter.own is None:
             return None
@@ -124,9 +124,9 @@ class LitShares:
 
 
 def _share_at(camera: NightSkyCamera, emitter: StarEmitter, index: Any, time: Floats, beyond: float) -> Floats:
-    """Share of its row's exposure, within 0 and 1, at which the time is that of each star.
+    """Fraction of its row's exposure, between 0 and 1, at which the time is that of each star.
 
-    `beyond`: start of the row's exposure that counts outside the lens' range.
+    `beyond` is the start of the row's exposure to use outside the lens' range.
     """
     moment = FLOAT64(aligned(time))
     _, v, _, valid = camera.project(*emitter.direction(index, moment), moment)
@@ -137,19 +137,19 @@ def _share_at(camera: NightSkyCamera, emitter: StarEmitter, index: Any, time: Fl
 
 @dataclass(frozen=True)
 class Paths:
-    """The stars whose light may touch the frame at some time, and how far they move.
+    """The stars whose light may touch the frame at some time, and their motion.
 
     Attributes
     ----------
     near : (n,) bool array
-        Which of all stars they are.
+        Mask of these among all stars.
     star : (m,) array
         Their indices.
     start, end : (m, 2) arrays
-        Positions (u, v) when the exposure of a star's row, or the star's own time in it, starts and ends, px; NaN outside the
-        lens' range.
+        Positions (u, v) when the exposure of a star's row, or the star's own time span within it, starts and ends, px;
+        NaN outside the lens' range.
     longest_px : (m,) array
-        Longest step between two of `checks` evenly spaced shares of that time.
+        Longest step between two of `checks` evenly spaced fractions of that time.
     checks : int
     """
 
@@ -172,9 +172,9 @@ def find_paths(
     middle : Placed
         All n stars of the emitter, half-way through their rows' exposure.
     reach_px : float
-        How far beyond the frame a star's centre can be for its light to touch the frame.
+        Largest distance of a star's centre from the frame at which its light still touches the frame.
     lit : LitShares or None
-        When they shine; None: throughout.
+        Times at which they shine; None for throughout.
     """
     everyone = np.arange(emitter.count, dtype=np.int64)
     checks = max(2, camera.keyframes, emitter.keyframes)
@@ -187,7 +187,7 @@ def find_paths(
         u, v = _tracks(camera, emitter, everyone, np.linspace(0, 1, min(checks, COARSE_CHECKS)), lit)
     steps, touching = _steps_by_the_frame(camera, u, v, reach_px + excursion[:, None])
     near = touching.any(axis=1)
-    # Indices are taken several times as fast as masks.
+    # Indexing with indices is several times faster than with masks.
     chosen = np.flatnonzero(near)
     if probed is not None:
         longest = probed[chosen]
@@ -202,7 +202,7 @@ def find_paths(
 def _tracks(
     camera: NightSkyCamera, emitter: StarEmitter, star: Rows, shares: Floats, lit: LitShares | None = None
 ) -> tuple[Floats, Floats]:
-    """Positions u and v, (stars, shares) arrays, at shares of the exposure or of the stars' own time in it."""
+    """Positions u and v, (stars, shares) arrays, at fractions of the exposure or of the stars' own time span within it."""
     every, share = np.repeat(star, len(shares)), np.tile(shares, len(star))
     placed = project(camera, emitter, every, share if lit is None else lit.share(every, share))
     return placed.u.reshape(len(star), -1), placed.v.reshape(len(star), -1)
@@ -211,14 +211,14 @@ def _tracks(
 def _probe(
     camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, checks: int, reach_px: float
 ) -> tuple[Floats, Floats]:
-    """Bounds on how all n stars move, from one star in every cell of the frame.
+    """Bounds on the motion of all n stars, from one star in every cell of the frame.
 
     Returns
     -------
     excursion : (n,) array
-        How far the image leaves the rectangle around its positions at FEW_SHARES, px.
+        Distance by which the image leaves the rectangle around its positions at FEW_SHARES, px.
     longest : (n,) array
-        Longest step, px, between two of `checks` evenly spaced shares of the exposure.
+        Longest step, px, between two of `checks` evenly spaced fractions of the exposure.
     """
     probes, of_star = _probes(camera, middle, reach_px + FAR_PX)
     u, v = _tracks(camera, emitter, probes, FEW_SHARES)
@@ -237,8 +237,8 @@ def _probe(
 def _probes(camera: NightSkyCamera, middle: Placed, counted_px: float) -> tuple[Rows, NDArray[np.intp]]:
     """The outermost star of each cell, where images move fastest, and the number of each star's probe among them.
 
-    Cells on the rim hold all stars beyond. Those farther from the frame than `counted_px`, whose steps do not count, stand
-    for a cell only where it holds no other.
+    Cells on the rim include all stars beyond. Stars farther from the frame than `counted_px`, whose steps do not count,
+    represent a cell only if it contains no other.
     """
     columns, rows = (
         np.clip(np.nan_to_num(position) * (cells / size), 0, cells - 1).astype(np.intp)
@@ -260,7 +260,7 @@ def _probes(camera: NightSkyCamera, middle: Placed, counted_px: float) -> tuple[
 
 
 def _blocks_of_shares(count: int, checks: int) -> Iterator[Floats]:
-    """Evenly spaced shares of the exposure in overlapping blocks, as many at once as `count` stars fill LANES_AT_ONCE."""
+    """Evenly spaced fractions of the exposure in overlapping blocks, as many as fill LANES_AT_ONCE for `count` stars."""
     block = max(1, LANES_AT_ONCE // max(count, 1))
     for lower in range(0, checks - 1, block):
         yield np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
@@ -271,7 +271,7 @@ def _steps_by_the_frame(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Lengths, px, of the steps between successive positions (n, k), and whether their light can touch the frame.
 
-    Steps that cannot count as 0: far outside the frame a rectilinear image moves without bound.
+    Steps that cannot touch the frame are set to 0, because far outside the frame a rectilinear image moves without bound.
     """
     touching = np.ones((u.shape[0], u.shape[1] - 1), dtype=bool)
     for position, size in ((u, camera.width), (v, camera.height)):
@@ -284,7 +284,7 @@ def _steps_by_the_frame(
 def _longest_step(
     camera: NightSkyCamera, emitter: StarEmitter, chosen: Rows, checks: int, reach_px: float, lit: LitShares | None
 ) -> Floats:
-    """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of its time."""
+    """Longest step, px, of each chosen star between two of `checks` evenly spaced fractions of its time."""
     longest = np.zeros(len(chosen))
     for shares in _blocks_of_shares(len(chosen), checks):
         steps, _ = _steps_by_the_frame(camera, *_tracks(camera, emitter, chosen, shares, lit), reach_px)

@@ -1,9 +1,9 @@
-"""How the light of stars is spread over pixels.
+"""Distribution of starlight over pixels.
 
-At each moment of a star's track, a stamp of its point spread function, integrated over each pixel, is added to the image in
-64-bit integers: integer addition does not depend on order, so the image has the same bits on any number of threads. A stamp
-is drawn row by row: one lane of the computation adds one row of one stamp, or a part of it, in packets of pixels that are
-aligned in memory, which takes a quarter of the time of single pixels.
+At each moment of a star's track, a stamp of its point spread function, integrated over each pixel, is added to the image
+in 64-bit integers. Integer addition does not depend on order, so the image has the same bits on any number of threads. A
+stamp is drawn row by row: one lane of the computation adds one row of one stamp, or a part of it, in packets of pixels
+that are aligned in memory, which takes a quarter of the time of single pixels.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PACKET_BITS = 2
 PACKET_PX = 1 << PACKET_BITS
 PACKET: Any = dr.uint64_array_t(mi.Vector4u)
 COPIES_BYTES = 1 << 28
-"""Up to this much memory, each thread sums into an image of its own."""
+"""Memory up to which each thread sums into an image of its own."""
 Floats = NDArray[np.float64]
 UNITS_PER_ELECTRON = 2.0**24
 """Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
@@ -39,29 +39,29 @@ MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
 LANES_AT_ONCE = 1_000_000
 """Rows of stamps in one launch: enough to fill any device, few enough for its memory."""
 MOST_TAPS = 9
-"""Pixels that one lane adds: their code is unrolled, and more of it takes longer to compile."""
+"""Most pixels that one lane adds: their code is unrolled, and more of it takes longer to compile."""
 
 
 @dataclass(frozen=True)
 class StampRows:
-    """Rows of the stamps of some moments, cut into parts, one lane each; all stamps have 2 x radius + 1 rows and columns.
+    """Rows of the stamps of some moments, split into parts, one lane each; all stamps have 2 x radius + 1 rows and columns.
 
     Attributes
     ----------
     moment : (m,) array
         Index of each moment in the tracks.
     radius : int
-        px.
+        Radius of the stamps, px.
     taps, parts : int
-        Pixels in a part, of which the last in a row may have fewer; parts in a row.
+        Pixels in a part (the last in a row may have fewer), and parts in a row.
     owner : UInt32
-        Which of these moments a lane belongs to.
+        Index of the moment to which a lane belongs.
     du, dv : Float
-        From the star to the centre of the part's first pixel, px.
+        Offset from the star to the centre of the part's first pixel, px.
     left, row : Int32
         Column and row in the image of that pixel.
     inside : Int32
-        How many of the part's taps are in the stamp.
+        Number of the part's taps that are in the stamp.
     """
 
     moment: NDArray[np.intp]
@@ -76,22 +76,22 @@ class StampRows:
     inside: Any
 
     def per_lane(self, values: Floats) -> Any:
-        """Values (m,) of the moments as a Float of the lanes."""
+        """Expand values (m,) of the moments to a Float of the lanes."""
         return dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values, dtype=np.float32)), self.owner)
 
     def index_per_lane(self, values: NDArray[np.integer[Any]]) -> Any:
-        """Whole numbers (m,) of the moments as a UInt32 of the lanes."""
+        """Expand integers (m,) of the moments to a UInt32 of the lanes."""
         return dr.gather(mi.UInt32, mi.UInt32(values.astype(np.uint32)), self.owner)
 
     def seen(self, channels: list[Any], pattern: Pattern | None) -> tuple[list[Any], list[Any]]:
-        """Values that even and odd taps record: all channels, or under a filter array the channel of the pixel."""
+        """Values that even and odd taps record: all channels, or the channel of the pixel under a filter array."""
         if pattern is None:
             return channels, channels
         even, odd = (choose(pattern, channels, parity + self.left, self.row) for parity in (0, 1))
         return [even], [odd]
 
     def add(self, total: LightSum, taps: list[list[Any]], few: bool) -> None:
-        """Add each part's electrons: a Float per tap and channel; `few`: less than MOST_IN_32_BITS_E."""
+        """Add each part's electrons, one Float per tap and channel; `few` if they are less than MOST_IN_32_BITS_E."""
         least_inside = 2 * self.radius + 1 - (self.parts - 1) * self.taps
         offset, group = self.left & (PACKET_PX - 1), self.left >> PACKET_BITS
         for channel in range(len(taps[0])):
@@ -107,7 +107,7 @@ class StampRows:
                     units.append(UINT64(FLOAT64(amount) * UNITS_PER_ELECTRON + 0.5))
             nothing = type(units[0])(0)
             units += [nothing] * (-(len(units) + PACKET_PX - 1) % PACKET_PX + PACKET_PX - 1)
-            # From the part's first pixel to the packet's.
+            # Offset from the part's first pixel to the packet's.
             for step in (1, 2):
                 moved = (offset & step) != 0
                 units = [
@@ -135,7 +135,7 @@ class LightSum:
         self.mode = dr.ReduceMode.Expand if apart and on_processor else dr.ReduceMode.Auto
 
     def add(self, plane: int, row: Any, packet: Any, units: list[Any]) -> None:
-        """Add units to the pixels of packets (Int32, by row); those outside the image are left out."""
+        """Add units to the pixels of packets (Int32, by row), ignoring pixels outside the image."""
         inside = (row >= 0) & (row < self.height) & (packet >= 0) & (packet < self.packets)
         place = mi.UInt32((row + plane * self.height) * self.packets + packet)
         dr.scatter_add(self.total, PACKET(*(UINT64(unit) for unit in units)), place, inside, mode=self.mode)
@@ -161,7 +161,7 @@ def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np
     ----------
     camera, tracks
     radius_px : (n,) array
-        Of each star's stamp.
+        Radius of each star's stamp.
     """
     radius_of_moment = radius_px[tracks.star]
     image_row = np.clip(tracks.v, 0, 2**16 - 1).astype(np.uint16)
@@ -196,8 +196,8 @@ def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np
 
 
 def brightest_channel(electrons: Floats) -> Floats:
-    """Electrons (n,) of stars in their brightest channel, of those (n, channels, bands) by wavelength band."""
-    # NumPy reduces a short last axis three times as slowly.
+    """Electrons (n,) of stars in their brightest channel, from those by wavelength band (n, channels, bands)."""
+    # NumPy takes three times as long to reduce a short last axis.
     by_channel = functools.reduce(np.add, np.moveaxis(electrons, 2, 0))
     return functools.reduce(np.maximum, by_channel.T)
 
@@ -216,13 +216,13 @@ def splat_gaussian(
     Parameters
     ----------
     total : LightSum
-        Of as many planes as channels; with a pattern, of one.
+        Sum with as many planes as channels, or with one plane if there is a pattern.
     electrons : (n, channels) array
-        Of each star on the axis.
+        Electrons of each star on the axis.
     light : StampLight
         Sizes of the stamps; light beyond a stamp is spread over it.
     pattern : Pattern, optional
-        Filter array: only the channel that a pixel sees is added.
+        Filter array: only the channel that a pixel records is added.
     """
     channels = electrons.shape[1]
     scale = dr.opaque(mi.Float, 1 / (math.sqrt(2) * sigma_px))
@@ -253,14 +253,14 @@ def splat_atlas(
     Parameters
     ----------
     total : LightSum
-        Of as many planes as channels; with a pattern, of one.
+        Sum with as many planes as channels, or with one plane if there is a pattern.
     electrons : (n, channels, bands) array
-        Of each star on the axis, per wavelength band of the atlas.
+        Electrons of each star on the axis, per wavelength band of the atlas.
     atlas : PsfAtlas
     light : StampLight
         Sizes of the stamps; light beyond a stamp is spread over it.
     pattern : Pattern, optional
-        Filter array: only the channel that a pixel sees is added.
+        Filter array: only the channel that a pixel records is added.
     """
     channels = electrons.shape[1]
     brightest = brightest_channel(electrons)

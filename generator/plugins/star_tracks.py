@@ -1,9 +1,9 @@
-"""Where stars move on the film during the exposure.
+"""Motion of stars on the film during the exposure.
 
-A star's exposure is cut into moments, so many that it moves less than a fraction of the point spread function's width between
-two of them: project all stars (:mod:`generator.plugins.star_paths`), probe how far they move, cut the exposure into moments,
-and weigh these (:mod:`generator.plugins.star_moments`). Light that the air spreads along the vertical has tracks of its own
-in each band of wavelengths.
+A star's exposure is divided into so many moments that it moves by less than a fraction of the point spread function's
+width between two of them: project all stars (:mod:`generator.plugins.star_paths`), probe their motion, divide the
+exposure into moments, and weight these (:mod:`generator.plugins.star_moments`). Light that the air disperses along the
+vertical has separate tracks in each band of wavelengths.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from generator.plugins.stars import StarEmitter
 Floats = NDArray[np.float64]
 
 STEP_RAD = 1e-4
-"""Over which the direction of the vertical on the film is differenced."""
+"""Step of the finite difference for the direction of the vertical on the film."""
 
 
 @dataclass(frozen=True)
 class StarTracks:
-    """Where the light of n stars falls, and when.
+    """Places and times at which the light of n stars falls.
 
     Attributes
     ----------
     u_px, v_px : (n,) arrays
-        Position when the row it falls on is half exposed, or half-way through the star's own time in that; NaN outside the
-        lens' range.
+        Position when the star's row is half exposed, or half-way through the star's own time span within that exposure;
+        NaN outside the lens' range.
     start, end : (n, 2) arrays
-        Position (u, v) when that row's exposure, or the star's own time in it, starts and ends; NaN outside the lens'
-        range or far from the frame.
+        Position (u, v) when that row's exposure, or the star's own time span within it, starts and ends; NaN outside the
+        lens' range or far from the frame.
     centroid : (n, 2) array
-        Mean position weighted by the light that arrives; NaN where none does.
+        Mean position weighted by the arriving light; NaN if none arrives.
     light : (n,) array
-        Light that arrives over that of the same star on the axis during one exposure; far from the frame, by its place
-        half-way.
+        Arriving light relative to that of the same star on the axis during one exposure; far from the frame, from its
+        place half-way.
     visible_share : (n,) array
-        Part of the star's light that geometry, landscape and Moon let through, 0-1; 1 for stars far from the frame.
+        Fraction of the star's light that geometry, landscape and Moon let through, 0-1; 1 for stars far from the frame.
     star, u, v, weight : (m,) arrays
         The moments: index of the star, position, and light (as `light`, which is their sum per star).
     """
@@ -83,14 +83,14 @@ def follow_stars(
     Parameters
     ----------
     scene : Scene
-        Its shapes hide stars; so does the Moon, at times that the emitter knows.
+        Scene whose shapes hide stars. The Moon also does, at times that the emitter knows.
     camera, emitter
     reach_px : float
-        How far beyond the frame a star's centre can be for its light to touch the frame.
+        Largest distance of a star's centre from the frame at which its light still touches the frame.
     largest_step_px : (n,) array
         Longest step of each star between two moments.
     landscape : LandscapeTexture or None
-        It hides parts of the light of stars.
+        Landscape that hides parts of the light of stars.
     """
     count = emitter.count
     everyone, half = np.arange(count, dtype=np.int64), np.full(count, 0.5)
@@ -130,14 +130,14 @@ def follow_stars(
 
 @dataclass(frozen=True)
 class Dispersed:
-    """Some stars of an emitter.
+    """Dispersed stars of an emitter.
 
     Attributes
     ----------
     rows : (k,) array
-        Which of its stars.
+        Indices of the stars.
     shift_px : (k, bands, 2) array
-        From the place at the reference wavelength to that of each band, u and v; the vertical is that of mid-exposure.
+        Shift from the place at the reference wavelength to that of each band, u and v; the vertical is that of mid-exposure.
     """
 
     rows: NDArray[np.intp]
@@ -145,11 +145,11 @@ class Dispersed:
 
     @property
     def bands(self) -> int:
-        """Equal bands of the spectral range."""
+        """Number of equal bands of the spectral range."""
         return self.shift_px.shape[1]
 
     def mean_shift(self, electrons: Floats, count: int) -> Floats:
-        """Mean shift, px, of the light of all `count` stars, (count, 2) array, by electrons in each band (count, bands)."""
+        """Mean shift, px, of the light of all `count` stars, (count, 2) array, from electrons in each band (count, bands)."""
         result = np.zeros((count, 2))
         share = electrons[self.rows]
         total = np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
@@ -158,7 +158,7 @@ class Dispersed:
 
 
 def dispersed(camera: NightSkyCamera, emitter: StarEmitter) -> Dispersed | None:
-    """The dispersed stars of an emitter; None where there are none."""
+    """Return the dispersed stars of an emitter; None if there are none."""
     if emitter.dispersion_rad is None:
         return None
     rows = np.flatnonzero(np.abs(emitter.dispersion_rad).max(axis=1) > 0)
@@ -179,15 +179,15 @@ def dispersed(camera: NightSkyCamera, emitter: StarEmitter) -> Dispersed | None:
 def by_band(
     tracks: StarTracks, electrons: Floats, fine: Floats, spread: Dispersed
 ) -> Iterator[tuple[StarTracks, Floats]]:
-    """Parts of the stars' light whose tracks differ: the stars that are not dispersed, then each band of those that are.
+    """Yield parts of the stars' light whose tracks differ: stars without dispersion, then each band of the dispersed ones.
 
     Parameters
     ----------
     tracks : StarTracks
     electrons : (n, channels, b) array
-        In the bands of the point spread function.
+        Electrons in the bands of the point spread function.
     fine : (n, channels, bands) array
-        In those of the dispersion, a multiple of b.
+        Electrons in the bands of the dispersion, a multiple of b.
     spread : Dispersed
     """
     place = np.full(len(electrons), -1)
@@ -202,6 +202,6 @@ def by_band(
 
 
 def _moments(tracks: StarTracks, chosen: NDArray[np.intp], shift_px: Any) -> StarTracks:
-    """Some moments of tracks, moved by (m, 2) px."""
+    """Select some moments of tracks, moved by (m, 2) px."""
     moved = np.stack([tracks.u[chosen], tracks.v[chosen]], axis=1) + shift_px
     return replace(tracks, star=tracks.star[chosen], u=moved[:, 0], v=moved[:, 1], weight=tracks.weight[chosen])

@@ -9,16 +9,16 @@ parameter          type     meaning
 ``colour_column``  tensor   (n,): fractional column of ``colour_table`` (from B-V)
 ``airmass``        tensor   (n,): relative airmass
 ``colour_table``   tensor   (m, c, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
-``optical_depth``  tensor   (m, k): of the atmosphere per airmass; m = 1, or those of :mod:`generator.light.airmass_nodes`
+``optical_depth``  tensor   (m, k): optical depth per airmass; m = 1, or at the nodes of :mod:`generator.light.airmass_nodes`
 ``lit``            tensor   (n, 2), optional: start and length of each star's own time, dark outside; default: the shutter's
-``parts``          tensor   (n,), with ``lit``: equal parts of each star's own time
+``parts``          tensor   (n,), with ``lit``: number of equal parts of each star's own time
 ``light_curve``    tensor   (sum of parts,), with ``lit``: brightness in these, relative to ``v_mag``, star by star
 ``dispersion_rad``  tensor  (n, bands), optional: lift of equal bands of the spectral range over ``directions``; 0: none
 ``step_px``        float    longest step, px, between two moments of the exposure, where that of the point spread function is
                             shorter (default 0): of points that together are a large disk
 ``horizon_sine``   float    sine of the horizon's apparent altitude, below which nothing shines (default 0)
 ``hidden``         tensor   (n, 2), optional: first and last share of the shutter's time between which the Moon is in front
-``in_front``       bool     whether landscape, geometry and horizon hide none of it: lamps on the ground (default false)
+``in_front``       bool     whether nothing (landscape, geometry, horizon) hides it: lamps on the ground (default false)
 =================  =======  =====================================================================================
 
 Stars are points: camera rays never hit them, so the integrator asks for their positions and irradiances and splats them.
@@ -45,20 +45,20 @@ FLOAT64: Any = dr.float64_array_t(mi.Float)
 DISTANCE = 1e6
 """Distance of the stars for shadow rays, scene units."""
 END_SLACK = 1e-6
-"""Of the shutter's time: single precision's rounding of `lit`."""
+"""Tolerance of the shutter's time, for the rounding of `lit` to single precision."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class OwnTimes:
-    """When each of n stars shines, in the shutter's time (0 to 1), and how brightly.
+    """Time span of each of n stars within the shutter's time (0 to 1), and brightness over it.
 
     Attributes
     ----------
     start, length : (n,) arrays
     parts, first_part : (n,) int arrays
-        Equal parts of its own time, and where they begin in `light_curve`.
+        Number of equal parts of its own time span, and index of the first in `light_curve`.
     light_curve : (sum of parts,) array
     on_device : tuple of Float64
         `start` and 1 / `length`.
@@ -73,7 +73,7 @@ class OwnTimes:
 
     @classmethod
     def of(cls, props: Any, count: int) -> OwnTimes:
-        """Those of an emitter's parameters."""
+        """Return those of an emitter's parameters."""
         lit, parts, curve = array(props["lit"], 2), array(props["parts"], 1), array(props["light_curve"], 1)
         if lit.shape != (count, 2) or parts.shape != (count,) or curve.shape != (int(parts.sum()),):
             raise ValueError(
@@ -87,7 +87,7 @@ class OwnTimes:
 
     @property
     def end(self) -> Floats:
-        """When each own time ends, (n,) array; that of single precision's numbers by the shutter's end is its end."""
+        """End of each own time span, (n,) array; single-precision values close to the shutter's end become its end."""
         end = self.start + self.length
         return np.where(end > 1 - END_SLACK, 1.0, end)
 
@@ -98,7 +98,7 @@ class OwnTimes:
         return np.bincount(owner, self.light_curve, len(self.parts)) / self.parts
 
     def light_at(self, star: NDArray[np.int64], time: Floats) -> Floats:
-        """Relative brightness (m,) of stars (m,) at times (m,); what shines at an end of the shutter's time shines beyond."""
+        """Relative brightness (m,) of stars (m,) at times (m,); a star that shines at an end also shines beyond it."""
         own = (time - self.start[star]) / self.length[star]
         part = np.clip((own * self.parts[star]).astype(np.int64), 0, self.parts[star] - 1)
         on = (time >= self.start[star]) | (self.start[star] <= 0)
@@ -159,7 +159,7 @@ class StarEmitter(mi.Emitter):
 
     @property
     def light_share(self) -> Floats | None:
-        """Mean light of each star over the shutter's time, relative to its magnitude, (n,) array; None where all is 1."""
+        """Mean light of each star over the shutter's time, relative to its magnitude, (n,) array; None if all are 1."""
         return None if self.own is None else self.own.length * self.own.mean_light
 
     @property
@@ -169,7 +169,7 @@ class StarEmitter(mi.Emitter):
         return up < self.lowest_sine
 
     def open_share(self, star: Any, first: Any, last: Any) -> Any:
-        """Part of spans of the shutter's time, (m,) arrays from 0 to 1, in which the Moon hides none of stars (indices)."""
+        """Fraction of spans (m,) of the shutter's time, 0 to 1, in which the Moon does not hide the given stars (indices)."""
         if self.hidden is None:
             return np.ones(len(first))
         enters, leaves = self.hidden[star].T
@@ -188,7 +188,7 @@ class StarEmitter(mi.Emitter):
         )
 
     def _depth_per_airmass(self, path: Any, wavelengths: Any) -> Any:
-        """Optical depth (Spectrum) per airmass of paths (Float)."""
+        """Optical depth (Spectrum) per airmass for paths (Float)."""
         if self.optical_depth.rows == 1:
             return self.optical_depth.spectrum(wavelengths)
         last = self.optical_depth.rows - 1

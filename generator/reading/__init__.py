@@ -1,1 +1,1 @@
-"""What others' files are read with: JSON, frame records, tables and images, each within stated limits."""
+"""Readers of files from other parties: JSON, frame records, tables and images, each within stated limits."""

@@ -22,13 +22,13 @@ SHOWN_FROM_STORED = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-"""How a picture is turned to be shown, by its orientation (CIPA DC-008, tag 0x0112)."""
+"""Rotation with which a picture is displayed, by its orientation (CIPA DC-008, tag 0x0112)."""
 STORED_FROM_SHOWN = SHOWN_FROM_STORED | {6: Image.Transpose.ROTATE_90, 8: Image.Transpose.ROTATE_270}
 CHANNELS = {"L": "L", "RGB": "RGB"}
 
 
 def heif_library() -> Any:
-    """The package pillow-heif. Raises GeneratorError with the remedy where it is missing."""
+    """The package pillow-heif. Raises GeneratorError with the remedy if it is missing."""
     try:
         import pillow_heif
     except ImportError as error:
@@ -37,21 +37,21 @@ def heif_library() -> Any:
 
 
 def heif_pixels(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Decode a picture with one or three channels of 8 bits, turned back to how the sensor stored it.
+    """Decode a picture with one or three channels of 8 bits, rotated back to the sensor's orientation.
 
-    A HEIF file says how it is to be turned in its container, and decoders obey; its EXIF orientation, which says the same,
-    undoes that.
+    A HEIF file states its rotation in its container, and decoders apply it. Its EXIF orientation, which states the same,
+    serves to undo this.
 
     Parameters
     ----------
     data : bytes
     shape : tuple of int, optional
-        Height and width as stored; nothing of another size is unpacked. LARGEST_SIDE_PX a side at most unless given.
+        Height and width as stored; a picture of another size is not unpacked. By default at most LARGEST_SIDE_PX per side.
 
     Raises
     ------
     GeneratorError
-        It is damaged or of another size, or pillow-heif is missing.
+        The picture is damaged or of another size, or pillow-heif is missing.
     """
     library = heif_library()
     try:
@@ -75,7 +75,7 @@ def heif_pixels(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np
 
 
 def _orientation(tags: bytes | None) -> int:
-    """EXIF orientation, 1 where it is missing or damaged."""
+    """EXIF orientation; 1 if it is missing or damaged."""
     found = Image.Exif()
     try:
         found.load(tags or b"")

@@ -1,4 +1,4 @@
-"""JSON from others: finite numbers, texts that can be written, and no more levels or bytes than a format needs."""
+"""JSON from other parties: finite numbers, encodable strings, and no more levels or bytes than a format needs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 from generator.errors import GeneratorError
 
 MOST_LEVELS = 16
-"""The deepest format has 5; recursion in readers and printers stays far from its limit."""
+"""Limit of nesting. The deepest format has 5 levels; recursion in readers and printers stays far from its limit."""
 LARGEST_INTEGER = 2**63 - 1
-"""What NumPy and Arrow hold; a JSON number may have any number of digits."""
+"""Largest integer of NumPy and Arrow; a JSON number may have any number of digits."""
 
 
 def strict_json(data: bytes | str, name: str, most_bytes: int) -> Any:
@@ -21,14 +21,15 @@ def strict_json(data: bytes | str, name: str, most_bytes: int) -> Any:
     ----------
     data : bytes or str
     name : str
-        Of the file, and of the frame in it, for messages.
+        Name of the file, and of the frame in it, for messages.
     most_bytes : int
-        Largest text that is parsed.
+        Size of the largest text that is parsed.
 
     Raises
     ------
     GeneratorError
-        Not JSON, or with NaN, infinity, an integer beyond 64 bits, more than MOST_LEVELS levels, or halves of characters.
+        The text is not JSON, or contains NaN, infinity, an integer beyond 64 bits, more than MOST_LEVELS levels, or lone
+        surrogates.
     """
     if len(data) > most_bytes:
         raise GeneratorError(f"{name}: {len(data)} bytes of JSON, more than {most_bytes}; it is not read")
@@ -47,7 +48,7 @@ def _refused_constant(word: str) -> float:
 
 
 def _check(tree: Any, name: str) -> None:
-    """Refuse what a later reader stumbles over, level by level."""
+    """Refuse values that a later reader cannot handle, level by level."""
     level = [tree]
     for _ in range(MOST_LEVELS):
         below: list[Any] = []

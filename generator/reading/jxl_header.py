@@ -13,7 +13,7 @@ _WIDTH_OVER_HEIGHT = (
     Fraction(1), Fraction(12, 10), Fraction(4, 3), Fraction(3, 2), Fraction(16, 9), Fraction(5, 4), Fraction(2),
 )  # fmt: skip
 _HEADER_BYTES = 10
-"""Two sides of 32 bits, the ratio and a flag."""
+"""Header size: two sides of 32 bits, the ratio and a flag."""
 
 
 def jxl_shape(data: bytes) -> tuple[int, int]:
@@ -22,13 +22,13 @@ def jxl_shape(data: bytes) -> tuple[int, int]:
     Raises
     ------
     GeneratorError
-        Not a JPEG XL image; nothing is unpacked.
+        The data are not a JPEG XL image; nothing is unpacked.
     """
     if data.startswith(CONTAINER):
         data = _codestream(data)
     if not data.startswith(CODESTREAM):
         raise GeneratorError("not a JPEG XL image")
-    # Numbers are packed from the least significant bit on.
+    # Numbers are packed starting with the least significant bit.
     bits = _Bits(int.from_bytes(data[2 : 2 + _HEADER_BYTES], "little"))
     in_eights = bits.take(1) == 1
     height = _side(bits, in_eights)

@@ -1,8 +1,8 @@
-"""The pages of a Parquet file, held against the file's footer before anything is unpacked.
+"""Check the pages of a Parquet file against the file's footer before anything is unpacked.
 
-Readers allocate what each page's own header claims, whatever the footer says of the column; a text column in prefix coding
-repeats texts of any length in a few bytes. Page headers are Thrift structures in the compact protocol
-(https://github.com/apache/parquet-format: README.md, parquet.thrift; https://github.com/apache/thrift:
+Readers allocate the sizes that each page's own header states, whatever the footer states for the column, and a text
+column in prefix coding can repeat strings of any length in a few bytes. Page headers are Thrift structures in the compact
+protocol (https://github.com/apache/parquet-format: README.md, parquet.thrift; https://github.com/apache/thrift:
 doc/specs/thrift-compact-protocol.md).
 """
 
@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 from generator.errors import GeneratorError
 
 LARGEST_HEADER_BYTES = 65536
-"""Of a page; statistics of texts make it some hundred bytes."""
+"""Limit of a page header; with statistics of strings it has some hundred bytes."""
 MOST_PAGES = 100_000
-"""Of a column in a row group; writers make pages of 1 MB, or of 20,000 rows."""
+"""Limit of the pages of a column in a row group; writers use pages of 1 MB, or of 20,000 rows."""
 DELTA_BYTE_ARRAY = 7
-"""The encoding in which a text is a number of letters of the one before it, and a rest."""
+"""The encoding in which a string is a number of characters shared with the previous one, and a remainder."""
 _DATA, _INDEX, _DICTIONARY, _DATA_V2 = range(4)
 _TRUE, _FALSE, _BYTE, _SHORT, _INT, _LONG, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
 _DEEPEST = 4
@@ -29,7 +29,7 @@ _DEEPEST = 4
 
 @dataclass(frozen=True)
 class Page:
-    """What a page's header claims: sizes of what follows it (bytes), number of values, encoding."""
+    """Statements of a page's header: sizes of the subsequent data (bytes), number of values, encoding."""
 
     unpacked: int
     packed: int
@@ -39,20 +39,20 @@ class Page:
 
 
 def check_pages(path: Path, metadata: pq.FileMetaData, columns: list[str]) -> None:
-    """Compare the headers of columns' pages with what the footer says of the columns.
+    """Compare the headers of columns' pages with the statements of the footer about the columns.
 
     Parameters
     ----------
     path : Path
     metadata : pyarrow.parquet.FileMetaData
-        The footer.
+        Metadata from the footer.
     columns : list of str
-        Names of the columns at the file's top level that are going to be read.
+        Names of the top-level columns that will be read.
 
     Raises
     ------
     GeneratorError
-        A page claims more bytes or values than its column has, is coded by prefixes, or is no page.
+        A page states more bytes or values than its column has, uses prefix coding, or is not a valid page.
     """
     wanted = set(columns)
     size = path.stat().st_size
@@ -112,9 +112,9 @@ def _page(name: str, data: bytes) -> tuple[Page, int]:
 
 
 class _Thrift:
-    """Reader of Thrift's compact protocol: structures as dictionaries by field number; other contents are passed over.
+    """Reader of Thrift's compact protocol: structures become dictionaries by field number; other contents are skipped.
 
-    What runs past the end raises IndexError, what is no such structure ValueError.
+    Reading past the end raises IndexError, and an invalid structure ValueError.
     """
 
     def __init__(self, data: bytes) -> None:

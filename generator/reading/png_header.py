@@ -9,7 +9,7 @@ from generator.reading.record import LARGEST_SIDE_PX
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33
-"""Signature and first chunk, which holds the size."""
+"""Size of the signature and of the first chunk, which contains the image size."""
 
 
 def png_shape(data: bytes) -> tuple[int, int]:

@@ -1,7 +1,7 @@
-"""The schema of the frame record (docs/dataset_format.md): the keys that readers use, and what may stand under them.
+"""The schema of the frame record (docs/dataset_format.md): the keys that readers use, and their allowed values.
 
-Keys that only some readers use may be missing, as records of earlier versions and of other generators lack them; where they
-are, they are of the right type. Other keys are let be.
+Keys that only some readers use may be missing, because records of earlier versions and of other generators lack them; if
+present, they must have the right type. Other keys are ignored.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from generator.reading.json_text import strict_json
 
 FORMAT = "skybench-frame/1"
 LARGEST_RECORD_BYTES = 8_000_000
-"""A camera that turns over thousands of samples, with measured curves of its sensor, stays below 2 MB."""
+"""Limit of a record; one with thousands of attitude samples and measured curves of its sensor is below 2 MB."""
 LARGEST_SIDE_PX = 16384
-"""Of an image; a scenario's camera has no more (generator/scenario/camera_spec.py)."""
+"""Largest side of an image; a scenario's camera has no more (generator/scenario/camera_spec.py)."""
 _UTC = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,12})?Z")
 
 
@@ -43,7 +43,7 @@ Side = Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX)]
 
 
 class Section(BaseModel):
-    """A part of a record: numbers are finite, nothing is converted, further keys are let be."""
+    """A part of a record: numbers must be finite, nothing is converted, and unknown keys are ignored."""
 
     model_config = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
 
@@ -203,19 +203,19 @@ def read_record(data: bytes | str, name: str, frame_id: str = "") -> dict[str, A
     data : bytes or str
         JSON.
     name : str
-        Of the file, and of the frame in it, for messages.
+        Name of the file, and of the frame in it, for messages.
     frame_id : str
-        Whose record it is by the name it is stored under; any frame's where empty.
+        Frame to which the record belongs according to its file name; empty accepts any frame.
 
     Returns
     -------
     dict
-        As it is stored.
+        Record as stored.
 
     Raises
     ------
     GeneratorError
-        It is no frame record; names the key.
+        The data are not a frame record; the message names the key.
     """
     found = strict_json(data, name, LARGEST_RECORD_BYTES)
     if not isinstance(found, dict):

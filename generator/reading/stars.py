@@ -1,4 +1,4 @@
-"""Tables of stars, of rendered frames and of photographs: what nobody can know of a photograph is empty there."""
+"""Tables of stars, of rendered frames and of photographs; values that are unknowable for a photograph are empty."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from generator.errors import GeneratorError
 from generator.reading.table import read_table
 
 PHOTOGRAPHS = {b"truth": b"photographs"}
-"""Metadata of a table whose stars are those of photographs."""
+"""Metadata of a table of stars in photographs."""
 UNKNOWN_OF_PHOTOGRAPHS = frozenset(
     {
         "light_u_px", "light_v_px", "electrons_e", "snr", "saturated", "occluded", "hidden_fraction",
         "cloud_optical_depth", "cloud_transmission", "scintillation",
     }
 )  # fmt: skip
-"""Columns that may be empty in the table of photographs, and there alone."""
+"""Columns that may be empty, but only in the table of photographs."""
 
 
 def photograph_schema(schema: pa.Schema) -> pa.Schema:
-    """The schema of stars for photographs: columns that may be unknown are nullable, and the metadata says so."""
+    """The schema of stars for photographs: columns that may be unknown are nullable, and the metadata mark the table."""
     fields = [field.with_nullable(field.name in UNKNOWN_OF_PHOTOGRAPHS) for field in schema]
     return pa.schema(fields, metadata={**(schema.metadata or {}), **PHOTOGRAPHS})
 
@@ -30,20 +30,20 @@ def photograph_schema(schema: pa.Schema) -> pa.Schema:
 def read_stars(
     path: Path, schema: pa.Schema, *, needed: Collection[str] = (), columns: Collection[str] | None = None
 ) -> pa.Table:
-    """Read a table of stars, which has empty cells only if it says that it is of photographs.
+    """Read a table of stars; only a table marked as one of photographs may have empty cells.
 
     Parameters
     ----------
     path : Path
     schema : pyarrow.Schema
-        Of rendered stars.
+        Schema for rendered stars.
     needed, columns
-        As of `generator.reading.table.read_table`.
+        As for `generator.reading.table.read_table`.
 
     Raises
     ------
     GeneratorError
-        Damaged, or not such a table; names the file and the column.
+        The file is damaged, or not a table of stars; the message names the file and the column.
     """
     table = read_table(path, photograph_schema(schema), needed=needed, columns=columns)
     if PHOTOGRAPHS.items() <= (table.schema.metadata or {}).items():
@@ -55,7 +55,7 @@ def read_stars(
 
 
 def missing_rows(place: str, stated: Mapping[int, int], rows: Mapping[int, int]) -> Iterator[str]:
-    """Disagreements between frame records and a table of stars, a line each.
+    """Yield contradictions between frame records and a table of stars, one line each.
 
     Parameters
     ----------

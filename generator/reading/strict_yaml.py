@@ -1,4 +1,4 @@
-"""YAML without what makes a file say something else than it seems to."""
+"""YAML without features that make a file mean something other than it seems to."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import yaml
 
 
 class StrictLoader(yaml.SafeLoader):
-    """Safe YAML without duplicate keys, aliases or dates made of times."""
+    """Safe YAML without duplicate keys, aliases, or conversion of times to dates."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Refuse an alias."""
@@ -18,7 +18,7 @@ class StrictLoader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Refuse a key that is given twice, or is no plain word."""
+        """Refuse a key that is given twice, or is a list or a mapping."""
         seen: set[str] = set()
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):

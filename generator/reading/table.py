@@ -1,7 +1,8 @@
-"""Tables from others: a Parquet file is read only if its own list of contents fits its schema and its size.
+"""Tables from other parties: a Parquet file is read only if its footer fits its schema and its size.
 
-A Parquet file of a few megabytes can hold billions of equal values. The tables of a dataset hold places in an image, which
-do not repeat; a file that unpacks to much more than itself is none of them. Its pages are held against its list of contents.
+A Parquet file of a few megabytes can contain billions of equal values. The tables of a dataset contain places in an
+image, which do not repeat, so a file that unpacks to much more than its size is not one of them. Its pages are checked
+against its footer.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from generator.errors import GeneratorError
 from generator.reading.parquet_pages import check_pages
 
 FREE_BYTES = 128 * 2**20
-"""In memory, for any table: 200,000 stars, 50,000 frames or a million readings, however alike they are."""
+"""Bytes in memory allowed for any table: 200,000 stars, 50,000 frames or a million readings, however alike they are."""
 MOST_EXPANSION = 32
-"""In memory over in the file beyond that; tables of stars reach 7, of frames 8."""
+"""Ratio of bytes in memory to bytes in the file allowed beyond that; tables of stars reach 7, of frames 8."""
 LONGEST_TEXT_BYTES = 1000
-"""Of a cell; hashes have 64, times 27, names of scenarios some tens."""
+"""Longest text of a cell; hashes have 64 bytes, times 27, names of scenarios some tens."""
 _USUAL_TEXT_BYTES = 100
 MOST_LIST_ITEMS = 32
-"""Of a cell on average: a matrix has 9 numbers, the coefficients of a lens at most 32."""
+"""Mean number of list items allowed per cell: a matrix has 9 numbers, the coefficients of a lens at most 32."""
 _VALUE_BYTES = 8
 _LARGEST_FOOTER_BYTES = 10_000_000
 _MOST_FOOTER_ITEMS = 1_000_000
@@ -48,17 +49,17 @@ def read_table(
         Columns that the table may have; a number may be stored wider or narrower, and is returned as stored. Other columns
         are not read.
     needed : collection of str
-        Columns that it has to have.
+        Columns that the table must have.
     columns : collection of str, optional
-        Those to read; all of the schema that there are, unless given.
+        Columns to read; by default all columns of the schema that exist.
     never_null : collection of str
-        Columns without empty cells, beside those of which the schema says so.
+        Columns without empty cells, in addition to those that the schema marks.
     most_rows : int, optional
 
     Raises
     ------
     GeneratorError
-        Damaged, or not a table of this schema; names the file and the column.
+        The file is damaged, or not a table of this schema; the message names the file and the column.
     """
     wanted = [name for name in schema.names if columns is None or name in columns]
     try:
@@ -73,7 +74,7 @@ def read_table(
                 _check_type(path, found.field(name), schema.field(name).type)
             _check_size(path, plain.metadata, pa.schema([found.field(name) for name in names]), size, most_rows)
             check_pages(path, plain.metadata, names)
-        # A text that repeats is held once until its length is known.
+        # A repeated string is held once until its length is known.
         texts = [name for name in names if _is_text(found.field(name).type)]
         with _opened(path, texts) as file:
             table = file.read(columns=names)
@@ -90,12 +91,12 @@ def read_table(
 
 
 def check_claims(path: Path) -> None:
-    """Judge by its footer and its pages a table of any form, before it is read.
+    """Check a table of any form by its footer and its pages, before it is read.
 
     Raises
     ------
     GeneratorError
-        It claims more values than a file of its size may hold, or is damaged.
+        The table states more values than a file of its size may contain, or is damaged.
     """
     try:
         with _opened(path) as file:
@@ -114,7 +115,7 @@ def check_claims(path: Path) -> None:
 
 
 def row_count(path: Path) -> int:
-    """Rows that a table claims to have. Raises GeneratorError where it cannot be read."""
+    """Number of rows that a table states. Raises GeneratorError if it cannot be read."""
     try:
         with _opened(path) as file:
             return int(file.metadata.num_rows)
@@ -137,7 +138,7 @@ def _check_type(path: Path, found: pa.Field, wanted: pa.DataType) -> None:
 
 
 def _kind(kind: pa.DataType) -> str:
-    """What stands in a column, however wide it is stored."""
+    """Kind of values in a column, regardless of their storage width."""
     if _is_text(kind):
         return "text"
     if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind):
@@ -154,12 +155,12 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _check_size(path: Path, claimed: pq.FileMetaData, schema: pa.Schema, size: int, most_rows: int | None) -> None:
-    """Compare what the file's footer claims with what a file of this size may hold."""
+    """Compare the statements of the file's footer with the limits for a file of this size."""
     groups = [claimed.row_group(group) for group in range(claimed.num_row_groups)]
     rows = max(claimed.num_rows, sum(group.num_rows for group in groups))
     if most_rows is not None and rows > most_rows:
         raise GeneratorError(f"{path}: has {rows} rows, at most {most_rows} belong there")
-    # A list's column is named after the list: "R_cam.list.element".
+    # The column of a list is named after the list: "R_cam.list.element".
     stored = [group.column(place) for group in groups for place in range(group.num_columns)]
     values = [(column.num_values, column.total_uncompressed_size)
               for column in stored if column.path_in_schema.split(".")[0] in schema.names]  # fmt: skip
@@ -175,12 +176,12 @@ def _check_size(path: Path, claimed: pq.FileMetaData, schema: pa.Schema, size: i
 
 
 def _most_bytes(size: int) -> int:
-    """Memory that a table in a file of so many bytes may take."""
+    """Memory that a table in a file of `size` bytes may take."""
     return FREE_BYTES + MOST_EXPANSION * size
 
 
 def _width(kind: pa.DataType) -> int:
-    """Bytes of a cell in memory, at most; of a text as many as are usual."""
+    """Largest size of a cell in memory; for a string, the usual size."""
     if _is_text(kind):
         return _USUAL_TEXT_BYTES
     if _kind(kind).startswith("list"):
@@ -189,7 +190,7 @@ def _width(kind: pa.DataType) -> int:
 
 
 def _plain_text(path: Path, column: pa.ChunkedArray, name: str, size: int) -> pa.ChunkedArray:
-    """A column's texts, once they are known to be short."""
+    """Return a column's strings after checking that they are short."""
     for chunk in column.chunks:
         words = chunk.dictionary if pa.types.is_dictionary(chunk.type) else chunk
         longest = pc.max(pc.binary_length(words)).as_py() or 0

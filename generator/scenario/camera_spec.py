@@ -31,7 +31,7 @@ from generator.scenario.projection import LensModel, Projection, ProjectionError
 from generator.scenario.strict import Fraction, Numbers, Strict, listed
 
 LEAST_DIRECT_SHARE = 0.4
-"""Least part of the light that bloom, veiling glare and ghosts must leave."""
+"""Least fraction of the light that bloom, veiling glare and ghosts must leave in the image."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
 
 
@@ -97,37 +97,38 @@ class CameraSpec(Strict):
     aperture_mm: Annotated[float, Field(gt=0, le=1000)]
     """Diameter of the entrance pupil, mm."""
     pupil: Literal["cosine", "constant"] | None = None
-    """Natural vignetting: the pupil's projected area falls with the cosine off axis, or stays, as in fisheye lenses, whose
-    pupil turns towards the light. Unless given, constant for the fisheye models."""
+    """Natural vignetting: the pupil's projected area falls with the cosine of the angle off axis, or stays constant, as in
+    fisheye lenses, whose pupil turns towards the light. Unless given, it is constant for the fisheye models and follows the
+    cosine for the others."""
     vignetting: Numbers = ()
-    """Factor 1 + a1 q + a2 q^2 + … on the light, q the squared distance from the principal point over that of the corner;
-    0 to 1 as far as the image circle reaches."""
+    """Factor 1 + a1 q + a2 q^2 + … on the light, where q is the squared distance from the principal point over that of the
+    corner; 0 to 1 as far as the image circle reaches."""
     transmission: Fraction = 0.9
-    """Of the lens and filters, 0-1."""
+    """Transmission of the lens and filters, 0-1."""
     psf_sigma_px: Annotated[float, Field(ge=0.2, le=20)] = 0.8
     """Standard deviation of the Gaussian point spread function, px, where `psf` is not given."""
     psf: PsfSpec | None = None
-    """Another point spread function."""
+    """A point spread function other than the Gaussian."""
     bloom: BloomSpec = BloomSpec()
     """Scatter in the lens."""
     veiling_glare: Annotated[float, Field(ge=0, le=0.2)] = 0.01
-    """Part of the light that spreads evenly over the sensor: as ISO 9358 has it, the light of a black spot over that of an
+    """Fraction of the light that spreads evenly over the sensor, as in ISO 9358: the light of a black spot over that of an
     evenly lit hemisphere around it, wings and ghosts left out."""
     ghosts: Annotated[tuple[GhostSpec, ...], Field(max_length=16), BeforeValidator(listed)] = Field(
         default=(), exclude_if=lambda ghosts: not ghosts
     )
     """Reflections in the lens."""
     ghost_lens: GhostLensSpec | None = None
-    """Further reflections, those of a public lens design."""
+    """Further reflections: those of a published lens design."""
     dew: DewSpec | None = None
     """Dew on the dome or on the front of the lens."""
     dust: DustSpec | None = None
-    """Dust there."""
+    """Dust on the dome or on the front of the lens."""
     # Left out of the scenario's hash unless given, as if the keys did not exist.
     scratches: Scratches | None = Field(default=None, exclude_if=lambda scratches: scratches is None)
     """Scratches and specks of dirt on the dome, which shine around bright sources; one kind, or a list."""
     haze: Annotated[float, Field(ge=0, le=0.2)] = Field(default=0.0, exclude_if=lambda haze: not haze)
-    """Part of the light that a dome or a window before the lens scatters evenly over all that the lens sees."""
+    """Fraction of the light that a dome or a window in front of the lens scatters evenly over all that the lens sees."""
     barrel_ring: Rings | None = None
     """Rings of light around the image circle; one, or a list."""
 
@@ -164,7 +165,7 @@ class CameraSpec(Strict):
             raise ValueError(str(error)) from error
         corner_px = self.corner_px
         circle_px = corner_px if self.image_circle_px is None else min(self.image_circle_px, corner_px)
-        # Outside the image circle no light falls, whatever the polynomial does there.
+        # Outside the image circle there is no light, whatever the polynomial does there.
         for step in range(101):
             q = step / 100 * (circle_px / corner_px) ** 2
             factor = 1 + sum(a * q ** (i + 1) for i, a in enumerate(self.vignetting))
@@ -178,13 +179,13 @@ class CameraSpec(Strict):
 
     @property
     def direct_share(self) -> float:
-        """Part of the light that goes into its image: not into wings, veiling glare, haze or ghosts."""
+        """Fraction of the light that goes into its image: not into wings, veiling glare, haze or ghosts."""
         wings = sum(part.share for part in self.wings)
         return 1 - wings - self.veiling_glare - self.haze - sum(ghost.share for ghost in self.all_ghosts)
 
     @property
     def wings(self) -> tuple[BloomSpec, ...]:
-        """What scatters light into wings: the lens, and dew on it."""
+        """Scatterers that form wings: the lens, and dew on it."""
         return tuple(part for part in (self.bloom, self.dew) if part is not None and part.share)
 
     @property
@@ -199,7 +200,7 @@ class CameraSpec(Strict):
 
     @property
     def strays(self) -> bool:
-        """Whether any light reaches the sensor astray."""
+        """Whether there is any stray light on the sensor."""
         return self.direct_share < 1 or bool(self.rings) or bool(self.scratch_kinds)
 
     @property

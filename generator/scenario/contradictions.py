@@ -7,7 +7,7 @@ from generator.scenario.file import Scenario
 from generator.scenario.model import FrameSpec
 
 MOST_FRAMES = 32
-"""Of a scenario, looked at for contradictions."""
+"""Largest number of frames of a scenario that are checked for contradictions."""
 
 
 def contradictions(spec: FrameSpec) -> tuple[str, ...]:
@@ -30,7 +30,7 @@ def contradictions(spec: FrameSpec) -> tuple[str, ...]:
 
 
 def contradictions_of(scenario: Scenario) -> tuple[str, ...]:
-    """Contradictions in up to MOST_FRAMES evenly spaced frames of a scenario, each once, with the first frame that has it.
+    """Contradictions in up to MOST_FRAMES evenly spaced frames of a scenario, each once, for the first frame that has it.
 
     Raises
     ------

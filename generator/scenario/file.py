@@ -30,9 +30,9 @@ from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describ
 from generator.seeds import random_stream
 
 LARGEST_FILE_BYTES = 200_000
-"""Hundreds of times the size of a long scenario."""
+"""Largest size of a scenario file: hundreds of times that of a long one."""
 LARGEST_FRAME_COUNT = 10_000_000
-"""Indices of at most seven digits."""
+"""Largest number of frames: indices have at most seven digits."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 SEQUENCE_KEYS = ("path", "imu")
 TIME_KEYS = ("every_s", "count")
@@ -60,9 +60,9 @@ class Scenario:
     source : str
         File name, for messages.
     files : tuple of InputFile
-        Files that it names; their hashes are part of its own.
+        Files that it names; their hashes are part of the scenario's hash.
     steps : int or None
-        Frames of each sequence; None for frames by themselves.
+        Frames in each sequence; None if frames are independent.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Scenario:
 
     @property
     def sequence_count(self) -> int:
-        """Number of sequences; 0 for frames by themselves."""
+        """Number of sequences; 0 if frames are independent."""
         return 0 if self.steps is None else self.combination_count * self.repeats
 
     @property
@@ -121,7 +121,7 @@ class Scenario:
         return frame_of(self.sequence(index // self.steps), index % self.steps)
 
     def sequence(self, number: int) -> SequenceSpec:
-        """Return sequence `number` (0 to sequence_count - 1) with every value fixed: drawn once for all of its frames.
+        """Return sequence `number` (0 to sequence_count - 1) with every value fixed; draws hold for all of its frames.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Scenario:
         return self._read(self._values(number), SequenceSpec)
 
     def passage(self, index: int) -> Passage | None:
-        """Return frame `index` as part of its sequence; None for a frame by itself. Raises as :meth:`frame`."""
+        """Return the place of frame `index` in its sequence; None for an independent frame. Raises as :meth:`frame`."""
         self._check_index(index)
         if self.steps is None:
             return None
@@ -147,18 +147,18 @@ class Scenario:
             raise IndexError(f"scenario '{self.name}' has frames 0 to {self.frame_count - 1}, not {index}")
 
     def _values(self, number: int) -> dict[str, Any]:
-        """Tree of values of a frame or sequence, drawn from the streams of the scenario's seed."""
+        """Return the tree of values of a frame or sequence, drawn from the streams of the scenario's seed."""
         return self.drawn(number, lambda draw: random_stream(self.seed, draw.stream, number))
 
     def drawn(self, number: int, stream_of: Callable[[Draw], np.random.Generator]) -> dict[str, Any]:
-        """Tree of values of a frame or sequence, with its sweeps and draws; repeats of a combination stand together.
+        """Return the tree of values of a frame or sequence, with its sweeps and draws; repeats of a combination are adjacent.
 
         Parameters
         ----------
         number : int
-            Of the frame or sequence.
+            Number of the frame or sequence.
         stream_of : callable
-            Random numbers of each draw.
+            Returns the random generator of a draw.
 
         Raises
         ------
@@ -182,7 +182,7 @@ class Scenario:
         return tree
 
     def _read(self, tree: dict[str, Any], kind: type[Spec]) -> Spec:
-        """Validate a tree of values whose files are as they were when the scenario was read."""
+        """Validate a tree of values, after checking that its files are still as they were when the scenario was read."""
         files: list[InputFile] = []
         spec = _validate(tree, self.source, kind, files)
         known = {file.path: file.sha256 for file in self.files}
@@ -194,7 +194,7 @@ class Scenario:
         return spec
 
     def _swept(self, combination: int) -> dict[KeyPath, Any]:
-        """Values of the sweeps in one combination."""
+        """Return the values of the sweeps in one combination."""
         chosen: dict[KeyPath, Any] = {}
         for axis in reversed(self.axes):
             combination, position = divmod(combination, len(axis[0].values))
@@ -220,7 +220,7 @@ class Scenario:
         return tuple(named[path] for path in sorted(named))
 
     def _representatives(self, files: list[InputFile]) -> Iterator[SceneSpec]:
-        """Validated frames or sequences, with every swept value and both ends of every distribution; adds to `files`."""
+        """Yield validated frames or sequences for each swept value and both ends of each distribution; appends to `files`."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
         stride = 1
@@ -241,17 +241,17 @@ class Scenario:
 
     @functools.cached_property
     def sha256(self) -> str:
-        """Hash that names the scenario's frames: of its content and of the generator's version and revision."""
+        """Hash that identifies the scenario's frames: of its content and of the generator's version and revision."""
         parts = (self.content_sha256, __version__, generator_revision())
         return hashlib.sha256(":".join(parts).encode()).hexdigest()
 
     @functools.cached_property
     def content_sha256(self) -> str:
-        """Hash of the scenario's content: values with all defaults filled in."""
+        """Hash of the scenario's content, that is of its values with all defaults filled in."""
         first = {draw.path: draw.distribution.typical()[0] for draw in self.draws}
         spec = _validate(_resolve(self.template, self._swept(0) | first), self.source, self._kind)
         complete = spec.model_dump(mode="json")
-        # What follows another value has no value of its own.
+        # A value that follows another one is not part of the content.
         complete["atmosphere"] |= dict.fromkeys(height_followers(self.template.get("atmosphere")))
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
         varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
@@ -277,7 +277,7 @@ def load_scenario(path: Path) -> Scenario:
     Raises
     ------
     ScenarioError
-        With the file, the key, what was found and what is allowed.
+        The message names the file, the key, what was found and what is allowed.
     """
     try:
         text = read_text_at_most(path, LARGEST_FILE_BYTES)
@@ -289,7 +289,7 @@ def load_scenario(path: Path) -> Scenario:
 
 
 def parse_scenario(text: str, source: str) -> Scenario:
-    """Check and return the scenario in a YAML text; `source` is its name in messages. Raises ScenarioError."""
+    """Parse and check a scenario in YAML; `source` is its name in messages. Raises ScenarioError."""
     try:
         tree = yaml.load(text, Loader=StrictLoader)  # a SafeLoader underneath
     except yaml.MarkedYAMLError as error:
@@ -320,7 +320,7 @@ def parse_scenario(text: str, source: str) -> Scenario:
 
 
 def _steps(tree: dict[str, Any], source: str) -> int | None:
-    """Frames of each sequence that a scenario's tree describes; None for frames by themselves."""
+    """Return the number of frames in each sequence that a scenario's tree describes; None if frames are independent."""
     time = tree.get("time")
     if not any(key in tree for key in SEQUENCE_KEYS) and not (isinstance(time, dict) and set(time) & set(TIME_KEYS)):
         return None
@@ -346,7 +346,7 @@ def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:
 
 
 def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
-    """Copy a tree, with chosen values in place of its sweeps and distributions."""
+    """Copy a tree, with its sweeps and distributions replaced by the chosen values."""
     if path in chosen:
         return chosen[path]
     if isinstance(tree, dict):
@@ -371,7 +371,7 @@ def _forget(tree: Any, path: KeyPath) -> None:
 
 
 def _observer(template: dict[str, Any], chosen: dict[KeyPath, Any]) -> Observer | None:
-    """Where the camera stands, at the start of its path if it has one; None where the file does not say."""
+    """Return the camera's place, at the start of its path if it has one; None if the file does not state it."""
     for place in (("site",), ("path", "waypoints", "0")):
         node: Any = template
         for key in place:
@@ -388,13 +388,13 @@ def _observer(template: dict[str, Any], chosen: dict[KeyPath, Any]) -> Observer 
 
 
 def _validate(tree: dict[str, Any], source: str, kind: type[Spec], files: list[InputFile] | None = None) -> Spec:
-    """Check a tree of values of a frame or sequence; the files that it names are added to `files`."""
+    """Validate a tree of values of a frame or sequence; the files that it names are appended to `files`."""
     try:
         return kind.model_validate(
             tree, context={"folder": Path(source).parent, "files": [] if files is None else files}
         )
     except ValidationError as error:
-        # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
+        # A list with rejected items is also reported as too short; the messages about the items say what is wrong.
         found = error.errors()
         inside = {problem["loc"][:depth] for problem in found for depth in range(len(problem["loc"]))}
         problems = [problem for problem in found if problem["type"] != "too_short" or problem["loc"] not in inside]

@@ -19,7 +19,7 @@ Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 def _readable_mesh(file: InputFile) -> InputFile:
     from generator.scenario.mesh_file import (
-        read_mesh,  # loads Mitsuba, which scenarios without meshes need not wait for
+        read_mesh,  # loads Mitsuba, which is slow and unnecessary for scenarios without meshes
     )
 
     read_mesh(file)
@@ -44,12 +44,12 @@ class ShapeSpec(Strict):
     """A mesh, in metres: x east, y north, z up; the camera is at the origin."""
 
     file: Annotated[File, AfterValidator(_readable_mesh)]
-    """PLY or OBJ."""
+    """Mesh file, PLY or OBJ."""
     translate_m: Annotated[tuple[Metres, Metres, Metres], BeforeValidator(listed)] = (0.0, 0.0, 0.0)
     """Translation after scaling, m."""
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     reflectance: Fraction = 0.15
-    """Diffuse, 0-1."""
+    """Diffuse reflectance, 0-1."""
     closed: Annotated[bool, AfterValidator(_closed_mesh)] = Field(default=True, validate_default=True)
     """Whether the mesh must be a closed solid; terrain and skylines may be open sheets (false)."""
 
@@ -62,7 +62,7 @@ class HorizonSpec(Strict):
     distance_m: Annotated[float, Field(ge=1, le=1e6)] = 1000.0
     """Distance of the wall that represents the profile, m."""
     reflectance: Fraction = 0.15
-    """Diffuse, 0-1."""
+    """Diffuse reflectance, 0-1."""
 
     @model_validator(mode="after")
     def _readable(self) -> HorizonSpec:
@@ -171,12 +171,12 @@ class ShellSpec(Strict):
 
 
 class GlintsSpec(Strict):
-    """False stars: lights that stand still and have the image of a star, as lit dust and far lamps have."""
+    """False stars: lights that stand still and have the image of a star, such as lit dust and distant lamps."""
 
     count: Annotated[int, Field(ge=0, le=10_000)]
-    """Lights in the image, at random over its pixels, anew in each frame."""
+    """Number of lights in the image, at random positions that differ in each frame."""
     v_mag: Annotated[tuple[Magnitude, Magnitude], BeforeValidator(listed)] = (1.0, 6.0)
-    """Apparent V at the ground, uniform from the first to the second."""
+    """Range of the apparent V at the ground, within which it is uniformly distributed."""
     bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
 
     @model_validator(mode="after")
@@ -194,7 +194,7 @@ class ForegroundSpec(Strict):
     shapes: Annotated[tuple[ShapeSpec, ...], Field(max_length=100), BeforeValidator(listed)] = ()
     lamps: Annotated[tuple[LampSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
     lit_directions: Annotated[int, Field(ge=0, le=1024)] = 16
-    """Directions of the sky from which geometry is lit, a power of two; 0 leaves black silhouettes."""
+    """Number of sky directions from which geometry is lit, a power of two; 0 leaves black silhouettes."""
     trails: Annotated[tuple[TrailSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
     satellites: Annotated[tuple[TleSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
 

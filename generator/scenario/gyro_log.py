@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 LOG_COLUMNS = ("t", "wx", "wy", "wz")
 """Time from the start of the exposure, s, and body rates, deg/s."""
 LARGEST_LOG_ROWS = 2_000_000
-"""An hour, the longest exposure, at 555 Hz."""
+"""Enough for one hour, the longest exposure, at 555 Hz."""
 
 
 class MotionError(ValueError):
@@ -49,7 +49,7 @@ def read_gyro_log(file: InputFile) -> Floats:
     Raises
     ------
     MotionError
-        Not such a table, or its times do not increase.
+        The file is not a valid table, or its times do not increase.
     """
     try:
         table = read_csv(

@@ -15,7 +15,7 @@ from generator import mitsuba_runtime
 from generator.scenario.strict import InputFile
 
 MOST_FACES = 5_000_000
-"""Bounds memory, and the time of the search for open edges."""
+"""Limits memory and the time of the search for open edges."""
 LARGEST_HEADER_BYTES = 65536
 KINDS = ("ply", "obj")
 
@@ -33,12 +33,12 @@ class MeshFacts:
 
 
 def mesh_description(file: InputFile) -> dict[str, Any]:
-    """The file as Mitsuba's scene dictionaries name it.
+    """Return the file as a Mitsuba scene dictionary describes it.
 
     Raises
     ------
     MeshError
-        Another suffix than .ply or .obj.
+        The suffix is neither .ply nor .obj.
     """
     kind = Path(file.location).suffix.lower().removeprefix(".")
     if kind not in KINDS:
@@ -53,7 +53,7 @@ def read_mesh(file: InputFile) -> MeshFacts:
     Raises
     ------
     MeshError
-        It cannot be read, has no or too many faces, or a coordinate that is not finite.
+        The mesh cannot be read, has no faces or too many, or has a coordinate that is not finite.
     """
     description = mesh_description(file)
     if description["type"] == "ply":
@@ -69,14 +69,14 @@ def read_mesh(file: InputFile) -> MeshFacts:
 
 
 def _vertices_and_faces(file: InputFile, description: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Copies of a mesh's arrays, (n, 3) each; Mitsuba's own mesh does not outlive the call.
+    """Return copies of a mesh's arrays, (n, 3) each, so that Mitsuba's own mesh does not outlive the call.
 
-    An error that keeps a mesh without faces alive would make every later rendering fail: Dr.Jit traces each call to a shape
+    If an error kept a mesh without faces alive, every later rendering would fail: Dr.Jit traces each call to a shape
     over all shapes of the process, and cannot gather from an empty array.
     """
     mi = mitsuba_runtime.start()
     try:
-        # With face normals, Mitsuba does not dereference the faces' indices, which are not checked yet.
+        # With face normals, Mitsuba does not use the faces' indices, which have not been checked at this point.
         parameters = mi.traverse(mi.load_dict(description | {"face_normals": True}))
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1].rsplit('": ', 1)[-1].strip()
@@ -98,7 +98,7 @@ def _check_ply_header(file: InputFile) -> None:
 
 
 def count_open_edges(vertices: NDArray[Any], faces: NDArray[Any]) -> int:
-    """Edges that do not join exactly two faces; vertices at the same place count as one."""
+    """Count the edges that do not join exactly two faces; vertices at the same place count as one."""
     _, merged = np.unique(vertices, axis=0, return_inverse=True)
     corners = merged.reshape(-1)[faces]
     edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)

@@ -18,7 +18,7 @@ _UNIT_SUFFIX = re.compile(
 
 
 def message(problem: Any, source: str) -> str:
-    """One line: file, key path, what was found, what is allowed."""
+    """Format a message in one line: file, key path, what was found, what is allowed."""
     # Tags of alternatives for one value start with #.
     location = tuple(part for part in problem["loc"] if not str(part).startswith("#"))
     where = ".".join(str(part) for part in location)
@@ -47,7 +47,7 @@ def message(problem: Any, source: str) -> str:
 
 
 def _varying(found: Any) -> str:
-    """How a value is made to vary, where a mapping stands in place of one."""
+    """Describe how a value varies, where a mapping replaces a plain value."""
     if not isinstance(found, dict):
         return ""
     keys = (SWEEP_KEY, *DISTRIBUTION_KEYS)
@@ -58,7 +58,7 @@ def _varying(found: Any) -> str:
 
 def _suggestion(location: tuple[Any, ...]) -> str:
     """Name the keys allowed where an unknown key was found, the most similar first."""
-    # Its keys include those of a frame by itself.
+    # Its keys include those of an independent frame.
     model: Any = SequenceSpec
     for part in location[:-1]:
         fields = getattr(model, "model_fields", {})

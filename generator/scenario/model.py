@@ -1,8 +1,8 @@
 """The scenario as frozen, validated data.
 
-A scenario describes one frame, or many by *sweeps*: any value may be replaced by ``{sweep: [a, b, c]}``. Sweeps multiply
-(cartesian, the last written varies fastest); sweeps that share a ``zip`` name advance together. Reading files is
-:mod:`generator.scenario.file`.
+A scenario describes one frame, or many by *sweeps*: any value may be replaced by ``{sweep: [a, b, c]}``. Sweeps
+multiply (cartesian, the last written varies fastest); sweeps that share a ``zip`` name advance together. Files are read
+by :mod:`generator.scenario.file`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Utc = Annotated[str, AfterValidator(_check_utc)]
 
 LOWEST_SITE_M, HIGHEST_SITE_M = -500.0, 20000.0
 HIGHEST_GROUND_M = 9000.0
-"""Above, a camera is in the air."""
+"""Above this height, a camera is in the air."""
 
 
 class SiteSpec(Strict):
@@ -52,8 +52,8 @@ class SiteSpec(Strict):
     height_m: Annotated[float, Field(ge=LOWEST_SITE_M, le=HIGHEST_SITE_M)] = 0.0
     """Height above the ellipsoid, m."""
     ground_height_m: Annotated[float, Field(ge=LOWEST_SITE_M, le=HIGHEST_SITE_M)] | None = None
-    """Height of the ground that makes the horizon, m, at most height_m; unless given, that of the site up to 9000 m, and sea
-    level for a camera above, where there is no ground."""
+    """Height of the ground that makes the horizon, m, at most height_m; unless given, the height of the site up to 9000 m,
+    and sea level for a camera above that, where there is no ground."""
 
     @model_validator(mode="after")
     def _over_the_ground(self) -> SiteSpec:
@@ -97,48 +97,49 @@ class AtmosphereSpec(Strict):
     """The air above the site."""
 
     pressure_hpa: Pressure | None = None
-    """At the site, hPa; unless given, 1010 at sea level, falling with height as in the standard atmosphere."""
+    """Pressure at the site, hPa; unless given, 1010 at sea level, falling with height as in the standard atmosphere."""
     temperature_c: Temperature | None = None
-    """At the site, deg C; unless given, 10 at sea level and 6.5 less for each km, up to 11 km."""
+    """Temperature at the site, deg C; unless given, 10 at sea level and 6.5 less for each km, up to 11 km."""
     relative_humidity: Fraction = 0.5
-    """0-1."""
+    """Relative humidity, 0-1."""
     aerosol_tau_550: Annotated[float, Field(ge=0, le=5)] = 0.1
     """Vertical optical depth of aerosol at 550 nm."""
     angstrom_exponent: Annotated[float, Field(ge=-1, le=4)] = 1.3
-    """Of the aerosol."""
+    """Angstrom exponent of the aerosol."""
     ozone_du: Annotated[float, Field(ge=0, le=1000)] = 300.0
     """Column of ozone, Dobson units."""
     precipitable_water_mm: Annotated[float, Field(ge=0, le=100)] | None = None
-    """Water vapour above the site, mm of liquid, for its absorption bands; unless given, by temperature and humidity."""
+    """Water vapour above the site, mm of liquid, for its absorption bands; unless given, derived from temperature and
+    humidity."""
     refraction: bool = True
     """Whether refraction displaces the light."""
     # Excluded from the scenario's hash unless given, as if the key did not exist.
     refraction_factor: Annotated[float, Field(ge=0.5, le=2)] = Field(
         default=1.0, exclude_if=lambda factor: factor == 1.0
     )
-    """Refraction over that of an air with these values; instruments tell it to about 1 %: {normal: [1.0, 0.01]}."""
+    """Factor on the refraction of air with these values, which instruments measure to about 1 %: {normal: [1.0, 0.01]}."""
     extinction: bool = True
-    """Whether there is air that dims and scatters light. Without, the sky has no twilight, moonlight and scattered starlight,
-    and city light is that of standard air."""
+    """Whether there is air that dims and scatters light. Without it, the sky has no twilight, moonlight or scattered
+    starlight, and city light is that of standard air."""
 
 
 class LocalAtmosphereSpec(AtmosphereSpec):
     """The air above a site of known height, every value fixed."""
 
     pressure_hpa: Pressure = SEA_LEVEL_HPA
-    """At the site, hPa."""
+    """Pressure at the site, hPa."""
     temperature_c: Temperature = SEA_LEVEL_C
-    """At the site, deg C."""
+    """Temperature at the site, deg C."""
 
 
 def height_followers(atmosphere: object) -> tuple[str, ...]:
-    """Keys of a written atmosphere (a mapping, or None) whose values follow the site's height."""
+    """Return the keys of an atmosphere as written (a mapping, or None) whose values follow the site's height."""
     given = atmosphere if isinstance(atmosphere, dict) else {}
     return tuple(key for key in ("pressure_hpa", "temperature_c") if given.get(key) is None)
 
 
 def _local(atmosphere: object, site: object) -> object:
-    """An atmosphere whose pressure and temperature follow the site's height where they are not given."""
+    """Return an atmosphere whose pressure and temperature follow the site's height unless they are given."""
     if isinstance(atmosphere, LocalAtmosphereSpec):
         return atmosphere
     if isinstance(atmosphere, AtmosphereSpec):
@@ -147,7 +148,7 @@ def _local(atmosphere: object, site: object) -> object:
         return atmosphere
     found = site.height_m if isinstance(site, SiteSpec) else site.get("height_m") if isinstance(site, dict) else None
     height_m = 0.0
-    # A height that is refused has its own message.
+    # An invalid height gets a message of its own.
     if isinstance(found, int | float) and LOWEST_SITE_M <= found <= HIGHEST_SITE_M:
         height_m = float(found)
     usual = {
@@ -158,9 +159,9 @@ def _local(atmosphere: object, site: object) -> object:
 
 
 Component = Literal["airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight"]
-"""Name of a part of the diffuse sky."""
+"""Name of a component of the diffuse sky."""
 COMPONENTS: tuple[Component, ...] = get_args(Component)
-"""Parts of the diffuse sky, in the order in which they are added."""
+"""Components of the diffuse sky, in the order in which they are added."""
 
 
 def _check_lamps(lamps: dict[str, float]) -> dict[str, float]:
@@ -189,8 +190,8 @@ class CitySpec(Strict):
     """Light that leaves the city upwards over ground of albedo 0.15, megalumen; relative where bortle or
     zenith_mag_arcsec2 is given."""
     horizon_share: Fraction | None = None
-    """Part of the upward light in Garstang's pattern near the horizon, the rest by Lambert's law; unless given, all of it
-    leaves as from a built-up area, between obstacles."""
+    """Fraction of the upward light that follows Garstang's pattern near the horizon; the rest follows Lambert's law. Unless
+    given, all of it leaves as from a built-up area, between obstacles."""
     lamps: Annotated[dict[str, Annotated[float, Field(ge=0)]], AfterValidator(_check_lamps)] = Field(
         default_factory=lambda: dict(LAMP_MIX)
     )
@@ -216,9 +217,10 @@ class SkySpec(Strict):
     solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
     """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
     airglow_factor: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Airglow of the night over its mean at this solar flux; nights scatter: {normal: [1.0, 0.3], limits: [0.4, 2.0]}."""
+    """Airglow of the night relative to its mean at this solar flux. To let nights vary: {normal: [1.0, 0.3], limits: [0.4,
+    2.0]}."""
     ground_albedo: GroundAlbedo = DEFAULT_ALBEDO
-    """Part of the light that the ground reflects: a number, points [nm, 0-1], or land (0.15), snow, water, desert."""
+    """Fraction of the light that the ground reflects: a number, points [nm, 0-1], or land (0.15), snow, water, desert."""
     clouds: CloudSpec | None = None
     """A layer of thin cloud."""
 
@@ -242,20 +244,21 @@ class StarsSpec(Strict):
     limiting_magnitude: Annotated[float, Field(ge=-2, le=15)] = 9.0
     """Magnitude of the faintest star or planet drawn, Johnson V; the sky's brightness (sky.bortle) does not change it."""
     catalogue: Literal["ybsc+hipparcos", "tycho2"] = "ybsc+hipparcos"
-    """Source; tycho2 adds 1.4 million stars to V 11.5, and leaves the light of those beyond the limit to the map."""
+    """Source of the stars. tycho2 adds 1.4 million stars to V 11.5; the map provides the light of those beyond the limit."""
     listed_magnitude: Annotated[float, Field(ge=-2, le=15)] | None = Field(
         default=None, exclude_if=lambda mag: mag is None
     )
-    """Magnitude of the faintest star or planet in the truth, where fainter ones are drawn; null: all are listed."""
+    """Magnitude of the faintest star or planet in the truth, if fainter ones are drawn; null lists all."""
     planets: bool = True
     """Draw Mercury, Venus and Mars to Neptune."""
     scintillation: bool = False
     """Whether each star's light varies by scintillation; off by default, so that electrons_e is the mean."""
     # Excluded from the scenario's hash unless given, as if the keys did not exist.
     scatter_arcsec: Annotated[float, Field(ge=0, le=36_000)] = Field(default=0.0, exclude_if=lambda sigma: sigma == 0.0)
-    """Standard deviation of each star's place about the catalogue's, along each of two axes, anew in each frame, arcsec."""
+    """Standard deviation of each star's position about the catalogue's along each of two axes, drawn anew for each frame,
+    arcsec."""
     scatter_mag: Annotated[float, Field(ge=0, le=3)] = Field(default=0.0, exclude_if=lambda sigma: sigma == 0.0)
-    """Standard deviation of each star's brightness about the catalogue's, anew in each frame, mag."""
+    """Standard deviation of each star's brightness about the catalogue's, drawn anew for each frame, mag."""
 
 
 def _named_attitude(value: object) -> object:
@@ -273,14 +276,14 @@ Attitude = Annotated[Pointing, BeforeValidator(_named_attitude)]
 
 
 class SceneSpec(Strict):
-    """What a single frame and a sequence of frames have in common."""
+    """Common part of a single frame and a sequence of frames."""
 
     attitude: Attitude = NAMED_ATTITUDES["zenith-north-up"]
     """``zenith-north-up``, or azimuth, altitude and roll."""
     camera: CameraSpec
     # Excluded from the scenario's hash unless given, as if the key did not exist.
     drift: DriftSpec | None = Field(default=None, exclude_if=lambda drift: drift is None)
-    """How lens and mount wander from camera and attitude, which solvers are told."""
+    """Deviation of lens and mount from the camera and attitude that solvers receive."""
     sensor: SensorSpec = SensorSpec()
     motion: MotionSpec = MotionSpec()
     foreground: ForegroundSpec = ForegroundSpec()
@@ -334,7 +337,7 @@ class FrameSpec(SceneSpec):
 
     @property
     def R_cam(self) -> NDArray[np.float64]:
-        """Rotation ENU to camera, (3, 3), by the scenario's attitude, without motion during the exposure."""
+        """Rotation ENU to camera, (3, 3), from the scenario's attitude, without motion during the exposure."""
         return pointing_matrix(self.attitude)
 
 
@@ -356,7 +359,7 @@ def pointing_of(R_cam: NDArray[np.float64]) -> Pointing:
     """
     east, north, up = R_cam[2]
     level = float(np.hypot(east, north))
-    # At the zenith and nadir azimuth and roll are one angle; the named attitude's azimuth is as good as any.
+    # At the zenith and nadir, azimuth and roll are one angle; the azimuth of the named attitude is as good as any.
     azimuth_deg = float(np.degrees(np.arctan2(east, north))) % 360 if level > 1e-12 else 180.0
     altitude_deg = float(np.degrees(np.arctan2(up, level)))
     level_right, level_down, _ = pointing_matrix(Pointing(azimuth_deg=azimuth_deg, altitude_deg=altitude_deg))

@@ -59,8 +59,8 @@ class ImuSpec(Strict):
 class MotionSpec(Strict):
     """Rotation of the camera during the exposure, about its own axes; the parts act together.
 
-    Rates, polynomial and gyro log leave the attitude at mid-exposure as the scenario gives it; vibration and jitter add to
-    it.
+    Rates, polynomial and gyro log leave the attitude at mid-exposure as stated in the scenario; vibration and jitter
+    change it.
     """
 
     rate_deg_s: Triple = (0.0, 0.0, 0.0)
@@ -77,5 +77,5 @@ class MotionSpec(Strict):
 
     @property
     def still(self) -> bool:
-        """Whether the camera does not turn."""
+        """Whether the camera stands still."""
         return not (any(self.rate_deg_s) or any(self.polynomial_deg) or self.vibration or self.gimbal or self.gyro_log)

@@ -1,10 +1,10 @@
-"""The numbers of a lens projection, and how far from the axis it can be trusted.
+"""The parameters of a lens projection, and the distance from the axis up to which it is valid.
 
-Models: OpenCV's pinhole with rational and tangential distortion (Brown 1966, Photogrammetric Engineering 32, 444), Kannala &
-Brandt 2006 (IEEE TPAMI 28, 1335) as cv2.fisheye, and the ideal fisheye projections r = f g(theta) with g = theta,
-2 sin(theta/2), 2 tan(theta/2), sin(theta) (Schneider, Schwalbe & Maas 2009, ISPRS J. 64, 259). Decentring, thin prism and
-tilt of the sensor are those of :mod:`generator.scenario.lens.image_plane`, for every model. The mapping itself is
-:mod:`generator.plugins.lens`.
+Models: OpenCV's pinhole with rational and tangential distortion (Brown 1966, Photogrammetric Engineering 32, 444),
+Kannala & Brandt 2006 (IEEE TPAMI 28, 1335) as in cv2.fisheye, and the ideal fisheye projections r = f g(theta) with g =
+theta, 2 sin(theta/2), 2 tan(theta/2), sin(theta) (Schneider, Schwalbe & Maas 2009, ISPRS J. 64, 259). Decentring, thin
+prism and tilt of the sensor are those of :mod:`generator.scenario.lens.image_plane`, for every model. The mapping
+itself is in :mod:`generator.plugins.lens`.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ LensModel = Literal[
 ]
 MODELS: tuple[LensModel, ...] = get_args(LensModel)
 COEFFICIENTS = {"brown_conrady": 6, "kannala_brandt": 4}
-"""Radial ones of the models that have any; p1, p2, s1..s4 and the tilt belong to all models."""
+"""Number of radial coefficients of the models that have any; p1, p2, s1..s4 and the tilt belong to all models."""
 PINHOLE_LIKE = ("pinhole", "brown_conrady")
 LARGEST_TILT_RAD = 0.5
 LARGEST_COEFFICIENT = 1e9
-"""Of k, p and s: far beyond any lens, and its powers are within a float's range."""
+"""Largest value of k, p and s: far beyond any lens, but with powers within the range of a float."""
 LARGEST_RADIUS = 1e3
 """Tangent of the widest angle (89.94 deg) at which pinhole-like models are used."""
 LARGEST_THETA = {
@@ -46,9 +46,9 @@ LARGEST_THETA = {
 
 ANGLE_STEPS = 1001
 AROUND: NDArray[np.float64] = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
-"""Directions around the axis in which a lens without symmetry is looked at."""
+"""Directions around the axis at which a lens without symmetry is examined."""
 BETWEEN = 0.998
-"""Least distance from the axis between two such directions over that in them: cos(2.5 deg), and more."""
+"""Lower bound of the distance from the axis between two such directions relative to that at them: below cos(2.5 deg)."""
 
 
 class ProjectionError(ValueError):
@@ -106,17 +106,17 @@ class Projection:
 
     @property
     def full_p(self) -> tuple[float, ...]:
-        """p1 and p2 where any is given, zeros filled in, and always of brown_conrady; empty else."""
+        """p1 and p2, with zeros filled in, if any is given and always for brown_conrady; otherwise empty."""
         return _filled(self.p, 2) if self.p or self.model == "brown_conrady" else ()
 
     @property
     def full_s(self) -> tuple[float, ...]:
-        """s1..s4 where any is given, zeros filled in; empty else."""
+        """s1..s4, with zeros filled in, if any is given; otherwise empty."""
         return _filled(self.s, 4) if self.s else ()
 
     @property
     def full_tilt_rad(self) -> tuple[float, ...]:
-        """tau_x and tau_y where any is given, zeros filled in; empty else."""
+        """tau_x and tau_y, with zeros filled in, if any is given; otherwise empty."""
         return _filled(self.tilt_rad, 2) if self.tilt_rad else ()
 
     @property
@@ -187,18 +187,18 @@ class Projection:
         return float(self.axis_angles_deg(np.array([radius]))[0])
 
     def axis_angles_deg(self, radii: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same of n distances, (n,) array."""
+        """Angles from the axis, deg, at n distances from the principal point over the focal length, (n,) array."""
         theta, argument = self._angles()
         return np.asarray(np.degrees(np.interp(radii, [self.radius(value) for value in argument], theta)))
 
     def angle_deg(self, distance_px: float) -> float:
-        """Angle from the axis, deg, beyond which nothing falls within a distance, px, from the principal point."""
+        """Angle from the axis, deg, beyond which no light falls within a distance, px, from the principal point."""
         wanted = distance_px / min(self.f_px, self.fy_px)
         theta, argument = self._angles()
         reached = np.array([self.radius(value) for value in argument])
         if not self.centred:
             a, b, orderly = self._bent(argument, reached)
-            # Where the image is folded nothing is drawn.
+            # Nothing is drawn where the image is folded.
             reached = BETWEEN * np.where(orderly, np.hypot(a, b), np.inf).min(axis=0)
         last = int(np.flatnonzero(reached <= wanted)[-1])
         return float(np.degrees(theta[min(last + 1, len(theta) - 1)]))
@@ -206,9 +206,10 @@ class Projection:
     def _bent(
         self, argument: NDArray[np.float64], reached: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Normalised coordinates with decentring and tilt around the axis, (72, n), at n arguments of the radial mapping.
+        """Return normalised coordinates with decentring and tilt around the axis, (72, n), at n radial arguments.
 
-        Also whether the mapping keeps its orientation there; `reached` are the radii of the arguments.
+        The third array states whether the mapping keeps its orientation there; `argument` holds arguments of the radial
+        mapping, `reached` their radii.
         """
         p, s = _filled(self.p, 2), self.full_s
         over = argument if self.model in PINHOLE_LIKE else reached
@@ -217,7 +218,7 @@ class Projection:
         aa, ab, ba, bb = displacement_slopes(x, y, p, s)
         a, b = reached * np.cos(AROUND) + move_a, reached * np.sin(AROUND) + move_b
         along, around = self._stretch(argument, reached)
-        # The radial mapping's own derivatives, turned to each direction.
+        # Derivatives of the radial mapping itself, rotated to each direction.
         cosine, sine = np.cos(AROUND), np.sin(AROUND)
         aa = aa + along * cosine**2 + around * sine**2
         bb = bb + along * sine**2 + around * cosine**2
@@ -231,7 +232,7 @@ class Projection:
     def _stretch(
         self, argument: NDArray[np.float64], reached: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
-        """Factors along and across the radius from the coordinates that the terms take to the radially mapped ones."""
+        """Factors along and across the radius from the coordinates before the radial mapping to the radially mapped ones."""
         if self.model != "brown_conrady":
             return 1.0, 1.0
         return self._rational_slope(argument), reached / np.maximum(argument, 1e-12) + (argument < 1e-12)
@@ -245,7 +246,7 @@ class Projection:
     def check_frame(self, width: int, height: int, image_circle_px: float | None) -> None:
         """Refuse distortion that stops increasing inside the frame (or inside the image circle, when there is one).
 
-        Ideal fisheyes end where their sky ends; outside of it the frame is black. Raises ProjectionError.
+        The image of an ideal fisheye ends where its sky ends; outside the frame is black. Raises ProjectionError.
         """
         if self.model not in COEFFICIENTS and self.centred:
             return
@@ -282,7 +283,7 @@ class Projection:
 
 
 def _filled(given: tuple[float, ...], count: int) -> tuple[float, ...]:
-    """Coefficients with zeros after those that are given."""
+    """Return the coefficients, padded with zeros."""
     return given + (0.0,) * (count - len(given))
 
 

@@ -20,5 +20,5 @@ QE_CURVES: dict[str, tuple[tuple[float, float], ...]] = {
         (550, 0.04), (600, 0.02), (650, 0.02), (690, 0.02), (720, 0),
     ),
 }  # fmt: skip
-"""Points (nm, 0-1), linear in between. skybench's own: ``cmos-mono`` a generic back-illuminated monochrome CMOS, the others
-its Bayer filters behind an infrared cut-off at 700 nm."""
+"""Points (nm, 0-1), linear in between. The curves are skybench's own: ``cmos-mono`` is a generic back-illuminated
+monochrome CMOS, and the others are its Bayer filters behind an infrared cut-off at 700 nm."""

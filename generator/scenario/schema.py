@@ -53,17 +53,17 @@ _VARIATION: dict[str, Any] = {
 def scenario_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a scenario file.
 
-    Every value may also be a variation (sweep or distribution); names of curves and attitudes are accepted where the models
-    accept them. The schema serves editors; ``skybench plan`` validates completely.
+    Every value may also be a variation (sweep or distribution); names of curves and attitudes are accepted wherever the
+    models accept them. The schema is for editors; ``skybench plan`` validates completely.
     """
     sequence = SequenceSpec.model_json_schema()
     definitions = {name: _with_variations(model) for name, model in sequence.pop("$defs").items()}
     definitions["Variation"] = _VARIATION
-    # A frame by itself has a subset of the keys of a sequence.
+    # An independent frame has a subset of the keys of a sequence.
     frame_time = definitions["SequenceTimeSpec"]
     frame_time["required"] = [key for key in frame_time["required"] if key in TimeSpec.model_fields]
     frame_time["dependentRequired"] = {"every_s": ["count"], "count": ["every_s"]}
-    # A named camera has what others need to give.
+    # A named camera supplies the keys that are required otherwise.
     camera = definitions["CameraSpec"]
     camera["anyOf"] = [{"required": camera.pop("required")}, {"required": ["preset"]}]
     schema = _with_variations(sequence)

@@ -71,9 +71,9 @@ class InterferenceSpec(Strict):
     cycles_per_column: Annotated[float, Field(ge=-0.5, le=0.5)]
     """Cycles from one pixel to the next along a row."""
     cycles_per_row: Annotated[float, Field(ge=-0.5, le=0.5)]
-    """Cycles from one row to the next, less whole ones."""
+    """Cycles from one row to the next, without whole cycles."""
     amplitude_e: Annotated[float, Field(gt=0, le=1e5)]
-    """Electrons."""
+    """Amplitude of the disturbance, electrons."""
 
 
 class CosmicRaySpec(Strict):
@@ -82,7 +82,7 @@ class CosmicRaySpec(Strict):
     rate_s: Annotated[float, Field(ge=0, le=1e6)]
     """Particles per second over the whole sensor."""
     charge_e_px: Annotated[float, Field(gt=0, le=1e6)] = 200.0
-    """Mean charge left per pixel of track, electrons."""
+    """Mean charge deposited per pixel of track, electrons."""
     length_px: Annotated[float, Field(gt=0, le=1000)] = 4.0
     """Mean length of a track, px."""
 
@@ -91,8 +91,8 @@ class SensorSpec(Strict):
     """Conversion of photons into DN."""
 
     quantum_efficiency: Curve = QE_CURVES["cmos-mono"]
-    """A named curve, a list of [nm, 0-1], or a CSV file (wavelength_nm, quantum_efficiency), linear in between, zero outside.
-    A colour sensor uses its own three."""
+    """A named curve, a list of [nm, 0-1], or a CSV file (wavelength_nm, quantum_efficiency), linear in between, zero
+    outside. A colour sensor uses three curves of its own."""
     colour: ColourSpec | None = None
     """Bayer filter array; a monochrome sensor unless given."""
     rolling_shutter: ShutterSpec | None = None
@@ -102,12 +102,12 @@ class SensorSpec(Strict):
     blooming: bool = False
     """Whether charge above the full well spreads along the column."""
     read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
-    """Rms, electrons."""
+    """Rms read noise, electrons."""
     telegraph: TelegraphSpec | None = None
     row_noise_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    """Rms of an offset per row that is new in every frame, electrons."""
+    """Rms of an offset per row that differs in every frame, electrons."""
     column_noise_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    """Rms of an offset per column that is new in every frame, electrons."""
+    """Rms of an offset per column that differs in every frame, electrons."""
     dsnu_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
     """Rms of a fixed offset per pixel (EMVA 1288's DSNU), electrons."""
     # These keys are left out of the scenario's hash unless given, as if they did not exist.
@@ -122,7 +122,7 @@ class SensorSpec(Strict):
     prnu: Annotated[float, Field(ge=0, le=0.3)] = 0.0
     """Rms of a fixed relative response per pixel (EMVA 1288's PRNU)."""
     dark_current_e_s: Annotated[float, Field(ge=0, le=1e5)] = 0.5
-    """Electrons per second and pixel at `dark_reference_c`."""
+    """Dark current per pixel at `dark_reference_c`, electrons per second."""
     temperature_c: Annotated[float, Field(ge=-100, le=100)] = 20.0
     """Temperature of the sensor, deg C."""
     dark_reference_c: Annotated[float, Field(ge=-100, le=100)] = 20.0
@@ -141,24 +141,25 @@ class SensorSpec(Strict):
     dead_pixel_fraction: Fraction = 0.0
     """Fraction of pixels without response."""
     sunburn: SunburnSpec | None = Field(default=None, exclude_if=lambda burn: burn is None)
-    """Pixels that keep charge back because the Sun's image burnt them."""
+    """Pixels that retain charge because the Sun's image burnt them."""
     cosmic_rays: CosmicRaySpec | None = None
     gain_e_per_dn: Annotated[float, Field(gt=0, le=1e4)] = 4.0
     """Electrons per DN."""
     black_level_dn: Annotated[int, Field(ge=0, le=32768)] = 64
-    """DN without signal."""
+    """Output without signal, DN."""
     bits: Annotated[int, Field(ge=8, le=16)] = 12
     """Bits of the analogue-to-digital converter."""
     unit: Annotated[int, Field(ge=0, le=2**63)] | None = Field(default=None, exclude_if=lambda unit: unit is None)
-    """Number of this very sensor, from which all that is fixed in its pixels follows: the scenario's seed unless given."""
+    """Number of this particular sensor, which determines all fixed properties of its pixels; unless given, the scenario's
+    seed does."""
     noise: bool = True
-    """False gives the expected signal, quantised, without any random effect."""
+    """Whether there are random effects; without, the image is the expected signal, quantised."""
     develop: DevelopSpec | None = None
-    """Write an 8-bit developed picture as well."""
+    """Also write an 8-bit developed picture."""
     hud: bool = False
-    """Draw a head-up display over the picture, with its mask."""
+    """Draw a head-up display over the picture, and write its mask."""
     video: VideoSpec | None = Field(default=None, exclude_if=lambda video: video is None)
-    """Take a video during the exposure; the image is the mean of its frames."""
+    """Record a video during the exposure; the image is the mean of its frames."""
 
     @model_validator(mode="after")
     def _black_level_fits(self) -> SensorSpec:

@@ -12,22 +12,23 @@ from generator.files import write_bytes
 SUFFIX = ".yaml"
 SCHEMA_NAME = "schema.json"
 _FOLDER_NAME = "scenes"
-# Beside the generator's data, not in it: its revision covers all data, and is the same with and without the repository.
+# Next to the generator's data, not in it: the revision covers all data, and must be the same with and without the
+# repository.
 _IN_PACKAGE = Path(__file__).parents[1] / _FOLDER_NAME
 _IN_REPOSITORY = Path(__file__).parents[2] / _FOLDER_NAME
 
 
 def scenes_folder() -> Path:
-    """Folder of the scenarios that come with skybench, with the files that they name and the schema.
+    """Return the folder of the scenarios that come with skybench, with the files that they name and the schema.
 
-    A wheel holds a copy of the repository's folder ``scenes`` (pyproject.toml); an editable installation reads the folder
-    itself.
+    A wheel contains a copy of the repository's folder ``scenes`` (pyproject.toml); an editable installation reads the
+    folder itself.
     """
     return _IN_PACKAGE if _IN_PACKAGE.is_dir() else _IN_REPOSITORY
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """Scenario files that come with skybench by name (the file's, without its ending), sorted."""
+    """Return the scenario files that come with skybench by name (the file's, without its suffix), sorted."""
     return {path.stem: path for path in sorted(scenes_folder().glob(f"*{SUFFIX}"))}
 
 
@@ -43,7 +44,7 @@ def find_scenario(argument: str | Path) -> Path:
     Raises
     ------
     ScenarioError
-        It is neither; lists the names.
+        It is neither; the message lists the names.
     """
     path = Path(argument)
     if path.is_file():
@@ -54,12 +55,12 @@ def find_scenario(argument: str | Path) -> Path:
 
 
 def find_shipped(name: str, written: str = "") -> Path:
-    """Return the file of a scenario that comes with skybench; `written` is what the user wrote for it.
+    """Return the file of a scenario that comes with skybench; `written` is the argument as the user wrote it.
 
     Raises
     ------
     ScenarioError
-        There is none of that name; lists the names.
+        There is no scenario of that name; the message lists the names.
     """
     shipped = shipped_scenarios()
     if name in shipped:
@@ -78,7 +79,7 @@ def copy_scenarios(scenarios: Mapping[str, Path], folder: Path) -> list[Path]:
     Raises
     ------
     ScenarioError
-        A file of that name is there and is another.
+        A different file of that name exists.
     """
     from generator.scenario.file import load_scenario  # not needed to list names, which completion does at every key
 
@@ -96,6 +97,6 @@ def copy_scenarios(scenarios: Mapping[str, Path], folder: Path) -> list[Path]:
 
 
 def title_of(path: Path) -> str:
-    """The line of comment with which a scenario file begins, without its sign and its full stop."""
+    """Return the comment line at the top of a scenario file, without its sign and its full stop."""
     with path.open(encoding="utf-8") as lines:
         return next(lines, "").removeprefix("#").strip().removesuffix(".")

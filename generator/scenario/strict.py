@@ -1,4 +1,4 @@
-"""Types shared by all parts of a scenario: the strict base model, fractions, curves, and files beside the scenario."""
+"""Types shared by all parts of a scenario: the strict base model, fractions, curves, and files next to the scenario."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class InputFile(Strict):
     """A file that a scenario names: its path relative to the scenario's folder, and the hash of its bytes."""
 
     path: str
-    """Relative to the scenario's folder, which it may not leave."""
+    """Path relative to the scenario's folder, which it may not leave."""
     sha256: str
     """Hash of the file's bytes; part of the scenario's own hash."""
     location: Annotated[str, Field(exclude=True)]
@@ -64,7 +64,7 @@ def _opened(value: object, info: ValidationInfo) -> object:
     try:
         folder = Path(context.get("folder", ".")).resolve()
         location = (folder / value).resolve()
-    except (OSError, RuntimeError) as error:  # Python up to 3.12 raises RuntimeError of links that go in a circle
+    except (OSError, RuntimeError) as error:  # Python up to 3.12 raises RuntimeError for circular links
         raise ValueError(f"found {value!r}, which cannot be read (a link that leads nowhere)") from error
     if Path(value).is_absolute() or not location.is_relative_to(folder):
         raise ValueError(f"found {value!r}, which leaves the scenario's folder")
@@ -89,7 +89,7 @@ File = Annotated[InputFile, BeforeValidator(_opened)]
 
 CURVE_COLUMNS = ("wavelength_nm", "quantum_efficiency")
 MOST_CURVE_POINTS = 2000
-"""One every 1.5 nm over the widest range."""
+"""Enough for one point every 1.5 nm over the widest range."""
 
 
 def _named_curve(value: object, info: ValidationInfo) -> object:
@@ -105,7 +105,7 @@ def _named_curve(value: object, info: ValidationInfo) -> object:
 
 
 def _curve_from_file(name: str, info: ValidationInfo) -> tuple[tuple[float, ...], ...]:
-    """Points of a curve in a CSV file with the columns CURVE_COLUMNS."""
+    """Read the points of a curve from a CSV file with the columns CURVE_COLUMNS."""
     file = _opened(name, info)
     assert isinstance(file, InputFile)
     table = read_csv(Path(file.location), name, CURVE_COLUMNS, least_rows=2, most_rows=MOST_CURVE_POINTS)

@@ -40,9 +40,9 @@ Hours = Annotated[
 
 
 class SunburnSpec(Strict):
-    """Days on which a fixed camera lay open to the Sun, and what they left in its pixels.
+    """Days on which a fixed camera was exposed to the Sun, and the damage to its pixels.
 
-    Place and attitude are those of that time: the camera may look elsewhere now.
+    Place and attitude are those of that time: the camera may point elsewhere in the frames.
     """
 
     first_day: Day
@@ -50,20 +50,20 @@ class SunburnSpec(Strict):
     last_day: Day
     """Last of the days; at most 400 in all."""
     hours_utc: Hours
-    """Points [hour of UTC, part of the days on which the Sun got in at that hour], linear in between, none outside; hours
-    beyond 24 are of the day after."""
+    """Points [hour of UTC, fraction of the days on which the Sun reached the sensor at that hour], linear in between, zero
+    outside; hours beyond 24 belong to the next day."""
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     """Geodetic latitude of the camera, deg."""
     longitude_deg: Annotated[float, Field(ge=-180, le=360)]
     """Longitude, deg, east positive."""
     azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
-    """Where the boresight pointed, from north through east, deg."""
+    """Azimuth of the boresight, from north through east, deg."""
     altitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    """Its altitude, deg."""
+    """Altitude of the boresight, deg."""
     roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """Clockwise turn of the camera about its boresight, deg."""
     traps_per_min: Annotated[float, Field(gt=0, le=1000)]
-    """Traps that a minute in the Sun's image leaves in a pixel, on average."""
+    """Mean number of traps that a minute in the Sun's image leaves in a pixel."""
     trap_e: Annotated[float, Field(gt=0, le=1e6)]
     """Mean of the exponentially distributed charge that a trap can hold, electrons."""
     half_full_e: Annotated[float, Field(ge=0, le=1e6)] = 0.0

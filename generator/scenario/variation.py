@@ -1,6 +1,6 @@
 """Values that vary over the frames of a scenario: sweeps and distributions.
 
-Any value of a scenario, also one inside a list, may be replaced by a mapping with one of these keys:
+Any value of a scenario, even inside a list, may be replaced by a mapping with one of these keys:
 
 =========================================  ==========================================================================
 mapping                                    meaning
@@ -15,7 +15,8 @@ mapping                                    meaning
 ``{utc: [start, end]}``                    a time, uniform; ``sun_below_deg: -6`` keeps the Sun's centre below that
 =========================================  ==========================================================================
 
-Each distribution draws from a random stream of its own, named by its key path, for each frame: adding one changes no other.
+For each frame, each distribution draws from a random stream of its own, named after its key path, so adding one does
+not change any other.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ from generator.places.times import Instant
 
 KeyPath = tuple[str, ...]
 DEEPEST_NESTING = 20
-"""Scenarios need five levels."""
+"""Limit of the nesting; scenarios need five levels."""
 LARGEST_NUMBER_OF_TRIES = 10_000
-"""Draws of a time before a condition on the Sun counts as impossible."""
+"""Number of draws of a time after which a condition on the Sun counts as impossible."""
 SWEEP_KEY = "sweep"
 MOST_SWEPT_VALUES = 10_000
-"""Each is checked when the scenario is read; more are better drawn from a distribution."""
+"""Each value is checked when the scenario is read; larger numbers are better drawn from a distribution."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class UniformInteger:
 
 
 FARTHEST_LIMIT_SIGMA = 6.0
-"""Beyond it less than 1e-9 of a Gaussian is left, and inversion comes to the end of double precision."""
+"""Beyond this limit, less than 1e-9 of a Gaussian is left, and inversion reaches the limits of double precision."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,7 @@ class UtcRange:
 
 @dataclass(frozen=True)
 class Draw:
-    """A distribution and the key that it gives values to."""
+    """A distribution and the key whose values it draws."""
 
     path: KeyPath
     distribution: Distribution
@@ -340,7 +341,7 @@ DISTRIBUTION_KEYS = tuple(_DISTRIBUTIONS)
 
 
 def describe(value: Any) -> str:
-    """A value in the form of messages: its type and a short representation."""
+    """Describe a value for messages: its type and a short representation."""
     if isinstance(value, int) and abs(value) > 10**50:
         return "int of more than 50 digits"
     text = "nothing" if value is None else f"{type(value).__name__} {value!r}"

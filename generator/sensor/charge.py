@@ -1,4 +1,4 @@
-"""What happens to charge in the pixels: response, photon noise, cosmic rays, full well."""
+"""Effects on charge in the pixels: response, photon noise, cosmic rays, full well."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from generator.sensor.sparse import rare_pixels
 
 @dataclass(frozen=True)
 class PhotoResponse:
-    """Fixed spread of the pixels' response (EMVA 1288's PRNU, normal) and dead pixels; acts on the expectation."""
+    """Fixed variation of the pixels' response (EMVA 1288's PRNU, normal) and dead pixels; acts on the expected signal."""
 
     prnu: float
     dead_fraction: float
@@ -32,7 +32,7 @@ class PhotoResponse:
 
 
 def response(prnu: float, shape: tuple[int, ...], key: int) -> Floats:
-    """Factors of pixels, the same for all frames of a sensor: kept where they are few."""
+    """Response factors of pixels, the same for all frames of a sensor; cached if they are few."""
     return (_kept_response if math.prod(shape) <= MOST_KEPT else _drawn_response)(prnu, shape, key)
 
 
@@ -61,12 +61,12 @@ class ParticleTracks:
     Attributes
     ----------
     corner_u_px, corner_v_px : (n,) arrays
-        Where they begin, px from the corner of the first pixel (half a pixel more than from its centre).
+        Starting points, px from the corner of the first pixel (half a pixel more than from its centre).
     angle_rad : (n,) array
         Direction, from u towards v.
     length_px : (n,) array
     charge_e_px : (n,) array
-        Electrons per pixel of track; a track shorter than a pixel leaves those of one pixel.
+        Electrons per pixel of track; a track shorter than a pixel deposits those of one pixel.
     """
 
     corner_u_px: NDArray[np.float64]
@@ -77,7 +77,7 @@ class ParticleTracks:
 
     @property
     def start_px(self) -> NDArray[np.float64]:
-        """First end, pixel centres at integers, (n, 2) array."""
+        """First end, with pixel centres at integers, (n, 2) array."""
         return np.stack([self.corner_u_px, self.corner_v_px], axis=1) - 0.5
 
     @property
@@ -88,7 +88,7 @@ class ParticleTracks:
 
     @property
     def electrons_e(self) -> NDArray[np.float64]:
-        """All electrons of each track, (n,) array."""
+        """Total electrons of each track, (n,) array."""
         return self.charge_e_px * np.maximum(self.length_px, 1)
 
 
@@ -96,8 +96,8 @@ class ParticleTracks:
 class CosmicRays:
     """Straight tracks at random places and angles, with exponential lengths and charges per pixel.
 
-    The mean charge is the user's: a minimum-ionising particle leaves about 80 electrons per micrometre of silicon (Particle
-    Data Group, Review of Particle Physics, section Silicon detectors). Arrivals are Poisson.
+    The user states the mean charge: a minimum-ionising particle deposits about 80 electrons per micrometre of silicon
+    (Particle Data Group, Review of Particle Physics, section Silicon detectors). Arrivals are Poisson.
     """
 
     rate_s: float
@@ -105,7 +105,7 @@ class CosmicRays:
     length_px: float
 
     def tracks(self, width: int, height: int, exposure: Exposure) -> ParticleTracks:
-        """The tracks of an exposure on a sensor of `width` x `height` pixels."""
+        """Draw the tracks of an exposure on a sensor of `width` x `height` pixels."""
         random = exposure.frame("cosmic_rays")
         count = random.poisson(self.rate_s * exposure.exposure_s)
         u, v = random.uniform(0, width, count), random.uniform(0, height, count)
@@ -137,7 +137,7 @@ class CosmicRays:
 
 @dataclass(frozen=True)
 class FullWell:
-    """Saturation of the pixel; with blooming the excess runs to both neighbours in the column, and on from there."""
+    """Saturation of the pixel; with blooming the excess flows to both neighbours in the column, and onward from there."""
 
     full_well_e: float
     blooming: bool
@@ -165,7 +165,7 @@ def _spill(signal: Floats, full_well_e: float) -> None:
     for rows in (range(height), range(height - 1, -1, -1)):
         carried, carries = np.zeros_like(signal[..., 0, :]), False
         for row in rows:
-            # Most rows neither receive any nor have any to pass on.
+            # Most rows neither receive nor pass on any charge.
             if not (overflows[row] or carries):
                 continue
             room = np.maximum(full_well_e - signal[..., row, :], 0)

@@ -23,7 +23,7 @@ def filter_array(pattern: str, height: int, width: int) -> NDArray[np.intp]:
 
 
 def mosaic(image: NDArray[np.float32], sensor: SensorSpec) -> NDArray[np.float32]:
-    """Values (height, width) that the pixels record of an image (height, width, channels); all record a single channel."""
+    """Values (height, width) that the pixels record of an image (height, width, channels); each records one channel."""
     if sensor.colour is None or image.shape[2] == 1:
         return np.ascontiguousarray(image[:, :, 0])
     chosen = filter_array(sensor.colour.pattern, *image.shape[:2])

@@ -14,27 +14,28 @@ from generator.sensor.effect import Exposure, Floats, NoiseStream
 from generator.sensor.sparse import rare_pixels
 
 MOMENTS = 16
-"""At which the state of a blinking pixel is looked at during an exposure."""
+"""Number of moments in an exposure at which the state of a blinking pixel is evaluated."""
 MOST_CELLS = 24
-"""Before a moment; none of them holds a renewal with a probability of exp(-24), 4e-11."""
+"""Number of cells before a moment that are searched; the probability that none of them contains a renewal is exp(-24),
+4e-11."""
 MOST_RENEWALS = 8
-"""In a cell; more come with a probability of 1e-6."""
+"""Largest number of renewals in a cell; more occur with a probability of 1e-6."""
 
 
 @dataclass(frozen=True)
 class HotPixels:
-    """Pixels of a sensor whose dark current exceeds the others', by a log-normal distribution.
+    """Pixels of a sensor whose dark current exceeds the others' by a log-normally distributed amount.
 
     Dark currents of pixels are log-normal (Baer 2006, Proc. SPIE 6068; Konnik & Welsh 2014, arXiv:1412.4031, section 3.3).
 
     Attributes
     ----------
     fraction : float
-        Of the pixels.
+        Fraction of the pixels.
     mean_e_s : float
         Mean of the excess at the sensor's temperature.
     log_sigma : float
-        Standard deviation of its natural logarithm; 0 gives all the same.
+        Standard deviation of its natural logarithm; 0 makes all equal.
     """
 
     fraction: float
@@ -42,7 +43,7 @@ class HotPixels:
     log_sigma: float
 
     def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
-        """Flat places of the hot pixels, (n,), and their excess, e/s, (n,); the same for all frames of a sensor."""
+        """Flat indices of the hot pixels, (n,), and their excess, e/s, (n,); the same for all frames of a sensor."""
         random = exposure.unit("hot")
         places = rare_pixels(random, math.prod(shape), self.fraction)
         logarithm = self.log_sigma * random.standard_normal(len(places)) - 0.5 * self.log_sigma**2
@@ -53,16 +54,17 @@ class HotPixels:
 class BlinkingPixels:
     """Pixels whose dark current jumps between two levels: the random telegraph signal of dark current.
 
-    Two levels, amplitudes distributed exponentially, times of stay from fractions of a second to hours (Hopkins & Hopkinson
-    1993, IEEE Trans. Nucl. Sci. 40, 1567; 1995, ibid. 42, 2074; Goiffon et al. 2011, IEEE Electron Device Lett. 32, 773).
-    Both levels are equally likely. At renewals, a Poisson process of rate 1 / time constant, the level is drawn anew: the
-    signal is the random telegraph process, with correlation exp(-|t| / time constant). It is a function of the sensor and
-    of the time alone: renewals are drawn in cells of one time constant by number, and the last one before a moment decides.
+    The signal has two levels, exponentially distributed amplitudes, and dwell times from fractions of a second to hours
+    (Hopkins & Hopkinson 1993, IEEE Trans. Nucl. Sci. 40, 1567; 1995, ibid. 42, 2074; Goiffon et al. 2011, IEEE Electron
+    Device Lett. 32, 773). Both levels are equally likely. At renewals, a Poisson process of rate 1 / time constant, the
+    level is drawn anew: the signal is the random telegraph process, with correlation exp(-|t| / time constant). It is a
+    function of only the sensor and the time: renewals are drawn in numbered cells of one time constant, and the last one
+    before a moment determines the level.
 
     Attributes
     ----------
     fraction : float
-        Of the pixels.
+        Fraction of the pixels.
     amplitude_e_s : float
         Mean of the exponentially distributed upper level's excess, at the sensor's temperature.
     shortest_s, longest_s : float
@@ -75,14 +77,14 @@ class BlinkingPixels:
     longest_s: float
 
     def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
-        """Flat places of these pixels, (n,), and the excess of each, e/s, on average over the exposure, (n,)."""
+        """Flat indices of these pixels, (n,), and the mean excess of each over the exposure, e/s, (n,)."""
         sensor = _Sensor(stream_key(exposure.unit("blinking.renewals")), exposure.unit)
         return _blinking(self, math.prod(shape), sensor, exposure.start_s, exposure.exposure_s)
 
 
 @dataclass(frozen=True)
 class _Sensor:
-    """A sensor, known by a number: the key of its blinking pixels' renewals."""
+    """A sensor, identified by the key of its blinking pixels' renewals."""
 
     key: int
     unit: NoiseStream = field(compare=False)
@@ -92,7 +94,7 @@ class _Sensor:
 def _blinking(
     kind: BlinkingPixels, size: int, sensor: _Sensor, start_s: float, exposure_s: float
 ) -> tuple[NDArray[np.intp], Floats]:
-    """Places and excess of blinking pixels: the image and the truth ask for the same."""
+    """Return indices and excess of blinking pixels; cached because both the image and the truth need them."""
     random = sensor.unit("blinking")
     places = rare_pixels(random, size, kind.fraction)
     amplitude = kind.amplitude_e_s * random.standard_exponential(len(places))
@@ -139,7 +141,7 @@ class DarkCurrent:
     Attributes
     ----------
     mean_e_s : float
-        Of a normal pixel.
+        Mean dark current of a normal pixel.
     defects : tuple of HotPixels and BlinkingPixels
     noise : bool
     """

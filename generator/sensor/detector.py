@@ -1,4 +1,4 @@
-"""From expected electrons to DN: the sensor's effects in order (:mod:`generator.sensor`)."""
+"""Conversion of expected electrons to DN: the sensor's effects in order (:mod:`generator.sensor`)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from generator.sensor.sunburn import TrappedCharge
 
 
 def effects(sensor: SensorSpec, burnt: TrappedCharge | None = None) -> list[Effect]:
-    """The sensor's effects in the order in which they act; those without a size are left out.
+    """The sensor's effects in the order in which they act; effects of zero strength are left out.
 
     Source of the model: EMVA Standard 1288, release 4.0, section 2 (linear camera model).
     """
@@ -61,7 +61,7 @@ def effects(sensor: SensorSpec, burnt: TrappedCharge | None = None) -> list[Effe
 
 
 def defect_pixels(sensor: SensorSpec) -> tuple[HotPixels | BlinkingPixels, ...]:
-    """The sensor's hot and blinking pixels, at its temperature; none without noise."""
+    """The sensor's hot and blinking pixels at its temperature; empty without noise."""
     if not sensor.noise:
         return ()
     defects: list[HotPixels | BlinkingPixels] = []
@@ -76,7 +76,7 @@ def defect_pixels(sensor: SensorSpec) -> tuple[HotPixels | BlinkingPixels, ...]:
 
 
 def cosmic_rays(sensor: SensorSpec) -> CosmicRays | None:
-    """The sensor's cosmic rays, or None where it has none."""
+    """The sensor's cosmic rays, or None if it has none."""
     rays = sensor.cosmic_rays
     if not sensor.noise or rays is None:
         return None
@@ -101,13 +101,14 @@ def expose(
     exposure_s : float
     sensor : SensorSpec
     stream : callable
-        Gives the random generator of a named stream of this frame.
+        Returns the random generator of a named stream of this frame.
     unit : callable, optional
-        Gives that of a named stream of this very sensor, the same in all its frames; `stream` unless given.
+        Returns the random generator of a named stream of this particular sensor, the same in all its frames; by default
+        `stream`.
     start_s : float
-        When the exposure starts, seconds from any fixed moment.
+        Start of the exposure, seconds from any fixed moment.
     burnt : TrappedCharge, optional
-        Pixels that the Sun burnt (:func:`generator.sensor.sunburn.burnt_pixels`).
+        Pixels burnt by the Sun (:func:`generator.sensor.sunburn.burnt_pixels`).
 
     Returns
     -------
@@ -124,7 +125,7 @@ def expose(
 def saturation_e(sensor: SensorSpec, exposure_s: float) -> float:
     """Electrons of an exposure at which a pixel reaches full well or the largest value, whichever comes first.
 
-    Of a video, those of all its frames.
+    For a video, those of all its frames.
     """
     largest_dn = 2**sensor.bits - 1
     if sensor.video is not None:
@@ -154,7 +155,7 @@ def matched_filter_snr(
     psf_sigma_px, exposure_s : float
     sensor : SensorSpec
     area_px : (n,) array, optional
-        Noise-equivalent areas of sources that are no points (:func:`streak_area_px`).
+        Noise-equivalent areas of extended sources (:func:`streak_area_px`).
 
     Returns
     -------
@@ -164,7 +165,7 @@ def matched_filter_snr(
     exposures = sensor.exposures(exposure_s)
     lines = sensor.row_noise_e**2 + sensor.column_noise_e**2 + sum(w.amplitude_e**2 / 2 for w in sensor.interference)
     fixed = sensor.dsnu_e**2 + sensor.dsnu_row_e**2 + sensor.dsnu_column_e**2
-    # A fixed pattern adds up with the frames of a video, noise with their root.
+    # A fixed pattern adds up linearly over the frames of a video, noise with the square root of their number.
     readout = sensor.read_noise_e**2 + lines + exposures * fixed + sensor.gain_e_per_dn**2 / 12
     per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + exposures * readout
     return star_e / np.sqrt(star_e + area * per_pixel)
@@ -173,8 +174,8 @@ def matched_filter_snr(
 def streak_area_px(length_px: NDArray[np.float64], psf_sigma_px: float) -> NDArray[np.float64]:
     """Noise-equivalent area, px, of evenly lit straight streaks under a Gaussian point spread function.
 
-    One over the integral of the squared profile, as King's (1983); 4 pi sigma^2 for a point, and towards
-    2 sqrt(pi) sigma L for a streak much longer than it is wide. sigma includes the pixel's own width.
+    It is the inverse of the integral of the squared profile, as King's (1983): 4 pi sigma^2 for a point, approaching 2
+    sqrt(pi) sigma L for a streak much longer than wide. sigma includes the pixel's own width.
     """
     sigma = np.sqrt(psf_sigma_px**2 + 1 / 12)
     length = np.maximum(length_px, 1e-3 * sigma)

@@ -1,4 +1,4 @@
-"""From raw DN to an 8-bit picture: black level, demosaicing, white balance, exposure, noise, transfer curve, sharpness."""
+"""Development of raw DN to an 8-bit picture: black level, demosaicing, white balance, exposure, noise, curve, sharpness."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from generator.sensor.processing import denoised, sharpened
 Floats = NDArray[np.float64]
 
 MARGIN_PX = 2
-"""Mirrored pixels around the frame, an even number, such that the pattern starts with the same colours; the kernels of
-bilinear demosaicing reach one pixel."""
+"""Mirrored pixels around the frame, an even number so that the pattern starts with the same colours; the kernels of bilinear
+demosaicing reach one pixel."""
 AUTO_LEVEL = 0.04
-"""Linear level of the sky of an automatic exposure, a grey of 56 of 255 after sRGB's transfer curve."""
+"""Linear level of the sky with automatic exposure, a grey of 56 of 255 after sRGB's transfer curve."""
 AUTO_PERCENTILE = 99
-"""Brighter pixels are stars."""
+"""Percentile above which pixels count as stars."""
 ROWS_AT_ONCE = 64
-"""Rows encoded in one step: what they need fits into the processor's cache, which is eight times as fast."""
+"""Rows encoded in one step, so that the data fit into the processor's cache, which is eight times faster."""
 
 
 def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
-    """Develop a raw frame as the sensor's `develop` section says.
+    """Develop a raw frame as the sensor's `develop` section specifies.
 
     Parameters
     ----------
     dn : (height, width) uint16 array
     sensor : SensorSpec
-        With a `develop` section.
+        Sensor with a `develop` section.
 
     Returns
     -------
     (height, width, 3) uint8 array, or (height, width) for a monochrome sensor
-        Red, green, blue; by sRGB's transfer curve (IEC 61966-2-1) unless the section has another.
+        Red, green, blue; with sRGB's transfer curve (IEC 61966-2-1) unless the section has another.
 
     Raises
     ------
@@ -63,22 +63,22 @@ def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
 
 
 def transferred(linear: Floats, spec: DevelopSpec) -> Floats:
-    """Values from 0 to 1 after the transfer curve, of linear values from 0 to 1."""
+    """Apply the transfer curve to linear values from 0 to 1; the result is from 0 to 1."""
     if spec.gamma == "srgb":
         return srgb_encoded(linear)
     return linear if spec.gamma == "linear" else linear ** (1 / float(spec.gamma))
 
 
 def automatic_exposure(light: Floats) -> float:
-    """Factor that brings the sky of a frame to AUTO_LEVEL; at least 1, such that white stays white.
+    """Factor that brings the sky of a frame to AUTO_LEVEL; at least 1, so that white stays white.
 
-    The sky's level is the mean of the pixels from the median to the 99th percentile, which leaves stars out and weighs noise:
-    a mean follows slow changes without steps, so that a video of frames that are developed one by one does not flicker.
+    The sky's level is the mean of the pixels from the median to the 99th percentile, which excludes stars and includes
+    noise. A mean follows slow changes without steps, so that a video of individually developed frames does not flicker.
 
     Parameters
     ----------
     light : (height, width) or (height, width, 3) array
-        Shares of full scale, linear, white balance applied.
+        Fractions of full scale, linear, with white balance applied.
     """
     values = np.sort(light, axis=None)
     sky = values[len(values) // 2 : max(len(values) // 2 + 1, int(AUTO_PERCENTILE / 100 * len(values)))]
@@ -88,11 +88,11 @@ def automatic_exposure(light: Floats) -> float:
 def demosaic(light: Floats, pattern: str) -> Floats:
     """Bilinear interpolation of each colour between its own pixels: (height, width, 3) red, green, blue.
 
-    A pixel keeps the value that it measured. Source: Losson, Macaire & Yang 2010, Advances in Imaging and Electron Physics
-    162, 173, as colour-demosaicing implements it. Of its other methods, Malvar's undershoots around undersampled stars, down
-    to a quarter of white below black; Menon's comes closer to the truth, at many times the cost.
+    A pixel keeps the value that it measured. Source: Losson, Macaire & Yang 2010, Advances in Imaging and Electron
+    Physics 162, 173, as colour-demosaicing implements it. Among its other methods, Malvar's undershoots around
+    undersampled stars, down to a quarter of white below black; Menon's is more accurate, at many times the cost.
     """
-    # The library mirrors at the border without regard to the pattern, so that it would mix colours there.
+    # The library mirrors at the border regardless of the pattern, so it would mix colours there.
     wide = np.pad(light, MARGIN_PX, mode="reflect")
     inside = slice(MARGIN_PX, -MARGIN_PX)
     planes: Floats = colour_demosaicing().demosaicing_CFA_Bayer_bilinear(wide, pattern)
@@ -100,6 +100,6 @@ def demosaic(light: Floats, pattern: str) -> Floats:
 
 
 def grey_world(picture: Floats) -> tuple[float, float, float]:
-    """Factors that give all colours the median of green; at night that makes the sky grey."""
+    """Factors that bring all colours to the median of green; at night this makes the sky grey."""
     red, green, blue = (max(float(np.median(picture[..., channel])), 1e-6) for channel in range(3))
     return green / red, 1.0, green / blue

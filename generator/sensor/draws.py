@@ -1,8 +1,8 @@
 """Normal and Poisson numbers for all pixels at once, drawn by Dr.Jit on whatever device renders.
 
-The numbers come from Philox 4x32 with ten rounds, a counter-based generator: a stream's key and a pixel's index make the
-pixel's number, so it is the same on any number of threads. Source: Salmon et al. 2011, "Parallel random numbers: as easy as
-1, 2, 3", SC11. The key is the first 64-bit number of the stream's NumPy generator.
+The numbers come from Philox 4x32 with ten rounds, a counter-based generator: a stream's key and a pixel's index determine
+the pixel's number, which is therefore the same for any number of threads. Source: Salmon et al. 2011, "Parallel random
+numbers: as easy as 1, 2, 3", SC11. The key is the first 64-bit number of the stream's NumPy generator.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ Floats = NDArray[np.float32]
 
 ROUNDS = 10
 WORDS = 4
-"""32-bit numbers that Philox makes at once."""
+"""Number of 32-bit numbers that Philox generates at once."""
 NORMALS, UNIFORMS = 0, 1
-"""Second word of Philox' counter: normal and uniform numbers of one stream are unrelated."""
+"""Second word of Philox' counter, which makes normal and uniform numbers of one stream independent."""
 ADDRESSED = 1 << 16
-"""In the third word of Philox' counter, which is 0 in streams: numbers by address are unrelated to theirs."""
+"""Flag in the third word of Philox' counter, which is 0 in streams: numbers by address are independent of theirs."""
 SMALLEST_MEAN_BY_NORMAL = 20.0
-"""Below, Poisson numbers are found by adding up probabilities."""
+"""Mean below which Poisson numbers are found by adding up probabilities."""
 MOST_KEPT = 1 << 22
-"""Numbers of a fixed pattern that is kept from frame to frame, 17 MB."""
+"""Largest number of values of a fixed pattern that is cached between frames, 17 MB."""
 
-# Coefficients, constant term first, of the terms in mean^(-k/2) of the series in `poisson_quantile`.
+# Coefficients, constant term first, of the terms in mean^(-k/2) of the series in `poisson_excess`.
 _SERIES = (
     (1 / 3, 0, 1 / 6),
     (0, -1 / 36, 0, -1 / 72),
@@ -44,18 +44,18 @@ _SERIES = (
 def standard_normal(shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
     """Normal numbers of mean 0 and variance 1.
 
-    By Box and Muller's method (1958, Ann. Math. Statist. 29, 610) from 32-bit numbers: none is beyond 6.8.
+    Box and Muller's method (1958, Ann. Math. Statist. 29, 610) is applied to 32-bit numbers, so none is beyond 6.8.
     """
     return normal_numbers(stream_key(stream), shape)
 
 
 def normal_numbers(key: int, shape: tuple[int, ...]) -> Floats:
-    """The numbers of :func:`standard_normal`, by the key of their stream."""
+    """Return the numbers of :func:`standard_normal` for the key of their stream."""
     return np.array(_normals(key, math.prod(shape))).reshape(shape)
 
 
 def fixed_normal(shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
-    """:func:`standard_normal` of a stream that is the same in all frames of a sensor; kept, and not to be changed."""
+    """Return :func:`standard_normal` for a stream that is the same in all frames of a sensor; cached, not to be modified."""
     key = stream_key(stream)
     return _kept_normal(key, shape) if math.prod(shape) <= MOST_KEPT else normal_numbers(key, shape)
 
@@ -64,22 +64,23 @@ _kept_normal = functools.lru_cache(maxsize=4)(normal_numbers)
 
 
 def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
-    """Poisson numbers.
+    """Draw Poisson numbers.
 
-    Means below SMALLEST_MEAN_BY_NORMAL: by adding up probabilities until they exceed a 32-bit uniform number, in double
-    precision. Larger means: a normal number's quantile (:func:`poisson_quantile`), rounded down.
+    For means below SMALLEST_MEAN_BY_NORMAL, probabilities are added up in double precision until they exceed a 32-bit
+    uniform number. For larger means, the numbers are the Poisson quantile of a normal number (:func:`poisson_excess`),
+    rounded down.
 
     Parameters
     ----------
     mean : array_like
-        Of each pixel, in single precision; broadcast to `shape`.
+        Mean of each pixel, in single precision; broadcast to `shape`.
     shape : tuple of int
     stream : numpy.random.Generator
 
     Returns
     -------
     (shape) float32 array
-        Whole numbers.
+        Poisson numbers, integers.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator
     else:
         normal = _normals(key, size)
         whole = dr.floor(expected)
-        # Whole electrons apart: single precision then has room for fractions of one.
+        # The integer part is added separately, so that single precision has room for fractions of an electron.
         beyond = expected - whole + poisson_excess(dr.maximum(expected, SMALLEST_MEAN_BY_NORMAL), normal, dr.sqrt)
         counts = dr.maximum(whole + dr.floor(beyond), 0)
         if lowest < SMALLEST_MEAN_BY_NORMAL:
@@ -110,14 +111,14 @@ def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator
 
 
 def uniform_at(key: int, first: NDArray[np.int64], second: NDArray[np.int64], count: int) -> NDArray[np.float64]:
-    """Uniform numbers by address: `count` from 0 to 1 for each pair of whole numbers, the same in every call.
+    """Uniform numbers by address: `count` from 0 to 1 for each pair of integers, the same in every call.
 
     Parameters
     ----------
     key : int
-        Below 2^64.
+        Key, below 2^64.
     first, second : (n,) arrays
-        `first` below 2^32, `second` between -2^47 and 2^47.
+        Addresses: `first` below 2^32, `second` between -2^47 and 2^47.
 
     Returns
     -------
@@ -143,23 +144,23 @@ def uniform_at(key: int, first: NDArray[np.int64], second: NDArray[np.int64], co
 
 
 def poisson_excess(mean: Any, normal: Any, sqrt: Any) -> Any:
-    """How far a Poisson number's quantile lies above its mean, by the quantile of a normal number.
+    """Difference between a Poisson quantile and the mean, from the quantile of a normal number.
 
     The Poisson distribution is that of floor(x) for a continuous x with P(x < n) = P(N < n) = Q(n, mean), the regularised
-    incomplete gamma function, for all n > 0, whole or not. Its quantile is a series in the square root of the mean: that of
-    M. Giles 2016, "Algorithm 955: approximation of the inverse Poisson cumulative distribution function", ACM TOMS 42, 7,
-    with two more terms (which follow from the differential equation that Q imposes on x). Summed over all counts, the
-    probabilities differ from Poisson's by less than 4e-6 for means of 20 and more (a total variation of 2e-6), and the less
-    the larger the mean.
+    incomplete gamma function, for all n > 0, integer or not. Its quantile is a series in the square root of the mean:
+    that of M. Giles 2016, "Algorithm 955: approximation of the inverse Poisson cumulative distribution function", ACM
+    TOMS 42, 7, with two more terms (which follow from the differential equation that Q imposes on x). Summed over all
+    counts, the probabilities differ from Poisson's by less than 4e-6 for means of 20 and more (a total variation of
+    2e-6), and by less for larger means.
 
     Parameters
     ----------
     mean : Float or array
-        SMALLEST_MEAN_BY_NORMAL or more.
+        Mean, at least SMALLEST_MEAN_BY_NORMAL.
     normal : Float or array
         Quantile of the standard normal distribution.
     sqrt : callable
-        Square root of such numbers.
+        Square root for numbers of that kind.
     """
     root = sqrt(mean)
     inverse = 1 / root
@@ -173,12 +174,12 @@ def poisson_excess(mean: Any, normal: Any, sqrt: Any) -> Any:
 
 
 def stream_key(stream: np.random.Generator) -> int:
-    """Philox' key for a fresh stream."""
+    """Return Philox' key for a fresh stream."""
     return int(stream.integers(0, 1 << 64, dtype=np.uint64))
 
 
 def _words(key: int, count: int, purpose: int) -> Any:
-    """32-bit random numbers: four UInt32 of `count` entries each."""
+    """Draw 32-bit random numbers: four UInt32 of `count` entries each."""
     mi = mitsuba_runtime.start()
     import drjit as dr
     from drjit import cuda, llvm
@@ -189,7 +190,7 @@ def _words(key: int, count: int, purpose: int) -> Any:
 
 
 def _normals(key: int, size: int) -> Any:
-    """Normal numbers, a Float."""
+    """Draw normal numbers, a Float."""
     mi = mitsuba_runtime.start()
     import drjit as dr
 
@@ -203,7 +204,7 @@ def _normals(key: int, size: int) -> Any:
 
 
 def _added_up(mean: Any, size: int, key: int) -> Any:
-    """Poisson numbers of small means (Float): the smallest whose cumulative probability exceeds a uniform number."""
+    """Draw Poisson numbers of small means (Float): the smallest whose cumulative probability exceeds a uniform number."""
     mi = mitsuba_runtime.start()
     import drjit as dr
 
@@ -226,7 +227,7 @@ def _added_up(mean: Any, size: int, key: int) -> Any:
 
 
 def _first(rows: Any, size: int) -> Any:
-    """The first `size` numbers of vectors, one vector after another."""
+    """Return the first `size` numbers of vectors, one vector after another."""
     mi = mitsuba_runtime.start()
     import drjit as dr
 

@@ -1,4 +1,4 @@
-"""What every sensor effect gets to know, and the protocol that they share."""
+"""The input of every sensor effect, and the protocol that effects share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-"""Electrons, in single precision: whole numbers up to 1.6e7, the largest full well, are exact."""
+"""Electrons, in single precision: integers up to 1.6e7, above the largest full well, are exact."""
 
 NoiseStream = Callable[[str], np.random.Generator]
 
@@ -23,11 +23,12 @@ class Exposure:
     ----------
     exposure_s : float
     frame : callable
-        Random generator of a named stream, new in every frame.
+        Returns the random generator of a named stream, different in every frame.
     unit : callable
-        Random generator of a named stream that belongs to this very sensor and is the same in all its frames.
+        Returns the random generator of a named stream that belongs to this particular sensor and is the same in all its
+        frames.
     start_s : float
-        When the exposure starts, seconds from any fixed moment: what has a memory is a function of it.
+        Start of the exposure, seconds from any fixed moment; effects with a memory are functions of it.
     """
 
     exposure_s: float
@@ -39,7 +40,7 @@ class Exposure:
 class Effect(Protocol):
     """One step between expected electrons from light and DN.
 
-    Every effect draws from streams named after itself, so that switching one off leaves the others' draws as they were.
+    Every effect draws from streams named after itself, so that switching one off does not change the others' draws.
     """
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:

@@ -10,7 +10,7 @@ Mask = NDArray[np.bool_]
 
 
 def hud_mask(width: int, height: int, lines: tuple[str, ...]) -> Mask:
-    """Pixels of an overlay: a cross at the middle, a pitch ladder, a frame of corners, and lines of text at the top left.
+    """Pixels of an overlay: a cross at the centre, a pitch ladder, a frame of corners, and lines of text at the top left.
 
     Returns
     -------

@@ -1,11 +1,11 @@
 """A telephone's accelerometer in the maker note of its photographs, in Apple's layout.
 
-ExifTool documents it (lib/Image/ExifTool/MakerNotes.pm and Apple.pm): a header of 14 bytes, ``Apple iOS``, a version and a
-mark of the byte order; then a TIFF directory whose offsets count from the header's first byte; tag 0x0008,
-AccelerationVector, three signed fractions in units of g. Photographs whose tags are public fix the axes: telephones held
-level wrote about (-1, 0, 0) with orientation 1 and (0, -1, 0) with orientation 6, and a positive third number where they
-looked up (`tests/unit/test_maker_note.py`). That is gravity along Core Motion's axes, x to the right of the screen, y to its
-top, z out of it. The picture as stored has its rows along the telephone's long side.
+ExifTool documents the layout (lib/Image/ExifTool/MakerNotes.pm and Apple.pm): a header of 14 bytes, ``Apple iOS``, a
+version and a mark of the byte order; then a TIFF directory whose offsets count from the header's first byte; tag 0x0008,
+AccelerationVector, three signed fractions in units of g. Photographs with public tags establish the axes: telephones held
+level wrote about (-1, 0, 0) with orientation 1 and (0, -1, 0) with orientation 6, and a positive third number when they
+looked up (`tests/unit/test_maker_note.py`). This is gravity along Core Motion's axes: x to the right of the screen, y to
+its top, z out of it. The rows of the stored picture are along the telephone's long side.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ LONG, SIGNED_FRACTION = 9, 10
 """TIFF's types of a signed integer and of a fraction of two signed integers."""
 NOTE_VERSION = 1
 STEP = 100_000_000
-"""Of the fractions, one g over."""
+"""Denominator of the fractions."""
 LARGEST_G = 20.0
-"""What the fractions hold."""
+"""Largest acceleration that the fractions can represent."""
 
 
 def accelerometer(
     R_cam: Floats, spec: GravitySpec, unit: np.random.Generator, frame: np.random.Generator
 ) -> tuple[float, float, float]:
-    """What the accelerometer of a camera at rest writes, g, along the telephone's axes.
+    """Reading of the accelerometer of a camera at rest, g, along the telephone's axes.
 
     Parameters
     ----------
     R_cam : (3, 3) array
-        Takes ENU to the camera frame.
+        Rotation from ENU to the camera frame.
     spec : GravitySpec
     unit, frame : Generator
-        Of the telephone, the same for all frames, and of the frame.
+        Random generators of the telephone, the same for all frames, and of the frame.
     """
     up = R_cam @ np.array([0.0, 0.0, 1.0])
     axes = np.array([up[1], up[0], up[2]])

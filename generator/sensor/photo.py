@@ -1,7 +1,7 @@
 """A developed frame as a photograph's file: JPEG or HEIF with the tags that a camera writes.
 
-Source of the tags: CIPA DC-008-2019, "Exchangeable image file format for digital still cameras: Exif Version 2.32"; of the
-equivalent focal length CIPA DCG-001 (equal diagonals).
+Source of the tags: CIPA DC-008-2019, "Exchangeable image file format for digital still cameras: Exif Version 2.32"; for
+the equivalent focal length, CIPA DCG-001 (equal diagonals).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from generator.scenario.sensor_spec import SensorSpec
 from generator.sensor.maker_note import apple_note
 
 PHOTO_SUFFIXES = {"jpeg": "photo.jpg", "heif": "photo.heic"}
-"""Of the file by its format."""
+"""Suffix of the file by its format."""
 SUBSAMPLINGS = {"4:4:4": 0, "4:2:2": 1, "4:2:0": 2}
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
 MAKER_NOTE = 0x927C
 BYTE, UNDEFINED = 1, 7
-"""TIFF's types."""
+"""TIFF's numbers of data types."""
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
 CENTIMETRE = 3
 """Unit of the focal plane's resolution."""
@@ -42,13 +42,13 @@ class Taken:
     Attributes
     ----------
     spec : FrameSpec
-        Of the frame; its camera is the true one.
+        Specification of the frame; its camera is the true one.
     utc_start : str
         Start of the exposure, ISO 8601 with microseconds and Z.
     pointing : Pointing
-        At mid-exposure.
+        Pointing at mid-exposure.
     acceleration_g : tuple of float or None
-        The accelerometer's reading, where the camera writes one.
+        The accelerometer's reading, if the camera writes one.
     """
 
     spec: FrameSpec
@@ -58,12 +58,12 @@ class Taken:
 
 
 def check_photo(sensor: SensorSpec) -> None:
-    """Refuse a format of photographs that cannot be written here, before frames are rendered.
+    """Refuse a photograph format that cannot be written here, before frames are rendered.
 
     Raises
     ------
     GeneratorError
-        HEIF is asked for, but the package pillow-heif is missing.
+        HEIF is requested, but the package pillow-heif is missing.
     """
     photo = None if sensor.develop is None else sensor.develop.photo
     if photo is not None and photo.format == "heif":
@@ -71,10 +71,10 @@ def check_photo(sensor: SensorSpec) -> None:
 
 
 def photo_bytes(picture: NDArray[np.uint8], taken: Taken, spec: PhotoSpec) -> bytes:
-    """A developed picture, (height, width) or (height, width, 3), as a file; the same bytes with the same coder.
+    """Encode a developed picture, (height, width) or (height, width, 3), as a file; the bytes depend on the coder's version.
 
-    Coders are libjpeg-turbo of Pillow, and x265 of pillow-heif. A HEIF file's orientation is in its container too, so that
-    programs decode it turned.
+    The coders are Pillow's libjpeg-turbo and pillow-heif's x265. A HEIF file's orientation is also in its container, so
+    programs decode the picture rotated.
 
     Raises
     ------
@@ -94,14 +94,15 @@ def photo_bytes(picture: NDArray[np.uint8], taken: Taken, spec: PhotoSpec) -> by
 
 
 def tag_bytes(taken: Taken, spec: PhotoSpec) -> bytes:
-    """The tags as a file holds them."""
+    """Return the tags in the form in which a file contains them."""
     stored = tags(taken, spec).tobytes()
-    # Pillow gives bytes of unknown tags the type BYTE; the standard has UNDEFINED for a maker note, of the same length.
+    # Pillow gives bytes of unknown tags the type BYTE; the standard requires UNDEFINED for a maker note, of the same
+    # length.
     return stored.replace(MAKER_NOTE.to_bytes(2) + BYTE.to_bytes(2), MAKER_NOTE.to_bytes(2) + UNDEFINED.to_bytes(2), 1)
 
 
 def tags(taken: Taken, spec: PhotoSpec) -> Image.Exif:
-    """The tags of a frame's photograph: its time is the start of the exposure, by the camera's clock."""
+    """The tags of a frame's photograph: their time is the start of the exposure on the camera's clock."""
     camera, site = taken.spec.camera, taken.spec.site
     exif = Image.Exif()
     exif[0x010F], exif[0x0110], exif[0x0112] = spec.make, spec.camera, spec.orientation
@@ -142,14 +143,14 @@ def tags(taken: Taken, spec: PhotoSpec) -> Image.Exif:
 
 
 def _clock(text: str) -> datetime:
-    """A time that a clock can show; during a leap second it shows the second after."""
+    """Parse a time as a clock shows it; during a leap second it shows the next second."""
     if text[17:19] != "60":
         return datetime.fromisoformat(text)
     return datetime.fromisoformat(f"{text[:17]}59{text[19:]}") + timedelta(seconds=1)
 
 
 def _rational(value: float, denominator: int) -> IFDRational:
-    """A number to a step of one over the denominator."""
+    """Round a number to a multiple of one over the denominator."""
     return IFDRational(round(value * denominator), denominator)
 
 

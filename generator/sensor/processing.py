@@ -1,4 +1,4 @@
-"""What a camera's processor does to a picture: noise reduction and sharpening."""
+"""Processing of a picture in a camera: noise reduction and sharpening."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ REACH_SIGMAS = 4.0
 
 
 def denoised(picture: Floats, spec: DenoiseSpec | None) -> Floats:
-    """Smooth small differences to the surroundings, and keep large ones.
+    """Smooth small differences from the surroundings, and keep large ones.
 
-    The difference d to the smoothed picture is taken away by strength / (1 + (d / threshold)^2): coring (Simoncelli & Adelson
-    1996, Proc. ICIP), which leaves stars and edges far above the threshold alone.
+    The fraction strength / (1 + (d / threshold)^2) of the difference d from the smoothed picture is removed. This is
+    coring (Simoncelli & Adelson 1996, Proc. ICIP), which does not affect stars and edges far above the threshold.
 
     Parameters
     ----------
     picture : (height, width) or (height, width, 3) array
-        Shares of white.
+        Fractions of white.
     spec : DenoiseSpec or None
-        None leaves it as it is.
+        Settings; None leaves the picture unchanged.
     """
     if spec is None:
         return picture
@@ -32,9 +32,10 @@ def denoised(picture: Floats, spec: DenoiseSpec | None) -> Floats:
 
 
 def averaged(picture: Floats, before: Floats | None, spec: VideoDenoiseSpec | None) -> Floats:
-    """Average a frame of a video with the averaged one before it: a recursive filter, with the same coring.
+    """Average a frame of a video with the averaged previous one: a recursive filter, with the same coring.
 
-    Of still light with white noise the variance is (1 - w) / (1 + w), w being the share of the frame before.
+    For static light with white noise the variance is multiplied by (1 - w) / (1 + w), where w is the weight of the
+    previous frame.
     """
     if spec is None or before is None or not spec.temporal:
         return picture
@@ -42,14 +43,14 @@ def averaged(picture: Floats, before: Floats | None, spec: VideoDenoiseSpec | No
 
 
 def _cored(difference: Floats, strength: float, threshold: float | None) -> Floats:
-    """The part of a difference that is taken away."""
+    """The part of a difference that is removed."""
     if threshold is None:
         return np.float32(strength) * difference
     return np.float32(strength) * difference / (1 + np.square(difference / np.float32(threshold)))
 
 
 def sharpened(picture: Floats, spec: SharpenSpec | None) -> Floats:
-    """Unsharp mask: the difference to a blurred picture, times the amount, is added."""
+    """Apply an unsharp mask: the difference from a blurred picture, multiplied by the amount, is added."""
     if spec is None:
         return picture
     return picture + np.float32(spec.amount) * (picture - _blurred(picture, spec.sigma_px))

@@ -1,4 +1,4 @@
-"""What happens between charge and DN: offsets, read noise and its tail, row and column noise, quantisation."""
+"""Effects between charge and DN: offsets, read noise and its tail, row and column noise, quantisation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FixedOffset:
 
 @dataclass(frozen=True)
 class FixedLines:
-    """Fixed offsets shared by a row, and by a column: parts of DSNU, as EMVA 1288 release 4.0 splits it."""
+    """Fixed offsets shared by a row, and by a column: parts of DSNU as separated by EMVA 1288 release 4.0."""
 
     row_e: float
     column_e: float
@@ -41,19 +41,19 @@ class FixedLines:
 
 @dataclass(frozen=True)
 class Interference:
-    """A sinusoidal voltage picked up by the readout, at a phase that is new in every frame.
+    """A sinusoidal voltage picked up by the readout, with a different phase in every frame.
 
-    Read out row by row at an even rate, a sine in time is a plane wave over the frame: a pair of peaks in its spectrum, which
-    EMVA 1288 looks for in the spectrogram of dark frames.
+    With readout row by row at a constant rate, a sine in time is a plane wave over the frame: a pair of peaks in its
+    spectrum, which EMVA 1288 searches for in the spectrogram of dark frames.
 
     Attributes
     ----------
     cycles_per_column, cycles_per_row : float
-        From one pixel to the next along u, and from one row to the next: the frequency over the rate of pixels, and the
-        frequency times the line time, less whole cycles.
+        Cycles from one pixel to the next along u, and from one row to the next: the frequency divided by the pixel rate,
+        and the frequency times the line time without whole cycles.
     amplitude_e : float
     number : int
-        Place in the scenario's list.
+        Index in the scenario's list.
     """
 
     cycles_per_column: float
@@ -67,7 +67,7 @@ class Interference:
         start = exposure.frame(f"interference.{self.number}").uniform(0, 2 * np.pi)
         along = 2 * np.pi * self.cycles_per_column * np.arange(width)
         down = 2 * np.pi * self.cycles_per_row * np.arange(height)[:, None] + start
-        # cos(a + b), by sines and cosines of rows and columns alone.
+        # cos(a + b) from sines and cosines of only rows and columns.
         cosine, sine = (self.amplitude_e * turn(down).astype(np.float32) for turn in (np.cos, np.sin))
         return signal + cosine * np.cos(along).astype(np.float32) - sine * np.sin(along).astype(np.float32)
 
@@ -87,8 +87,9 @@ class ReadNoise:
 class TelegraphNoise:
     """Random telegraph noise, the read noise's tail: correlated double sampling sees a trap empty, fill, or neither.
 
-    A pixel with a trap reads -a, 0 or +a with probabilities 1/4, 1/2, 1/4 (Wang et al. 2006, IEDM, "Random telegraph signal
-    in CMOS image sensor pixels": three peaks); which pixels have one, and their exponentially distributed a, is fixed.
+    A pixel with a trap reads -a, 0 or +a with probabilities 1/4, 1/2, 1/4 (Wang et al. 2006, IEDM, "Random telegraph
+    signal in CMOS image sensor pixels": three peaks). The pixels with traps, and their exponentially distributed a, are
+    fixed.
     """
 
     fraction: float
@@ -107,7 +108,7 @@ class TelegraphNoise:
 
 @dataclass(frozen=True)
 class LineNoise:
-    """An offset shared by a row, and one shared by a column, new in every frame (EMVA 1288 release 4.0, section 8.1)."""
+    """An offset shared by a row, and one by a column, different in every frame (EMVA 1288 release 4.0, section 8.1)."""
 
     row_e: float
     column_e: float
@@ -131,7 +132,7 @@ class Converter:
     bits: int
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
-        """Return DN, whole numbers from 0 to 2^bits - 1."""
+        """Return DN, integers from 0 to 2^bits - 1."""
         del exposure
         dn = signal * np.float32(1 / self.gain_e_per_dn)
         dn += np.float32(self.black_level_dn)

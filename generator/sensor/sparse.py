@@ -1,4 +1,4 @@
-"""Which pixels of a sensor have a rare property."""
+"""Selection of the pixels of a sensor that have a rare property."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 
 def rare_pixels(random: np.random.Generator, size: int, fraction: float) -> NDArray[np.intp]:
-    """Flat places, in order, of pixels that have a property with a probability, each by itself, (n,) array.
+    """Flat indices, in order, of pixels that independently have a property with a given probability, (n,) array.
 
-    Drawn by the gaps between them, which are geometric (Devroye 1986, "Non-Uniform Random Variate Generation", XII.1), so
-    that the time goes as their number, not as the sensor's.
+    They are drawn by the gaps between them, which are geometrically distributed (Devroye 1986, "Non-Uniform Random
+    Variate Generation", XII.1), so the time is proportional to their number and not to the size of the sensor.
 
     Parameters
     ----------
     random : Generator
     size : int
-        Pixels.
+        Number of pixels.
     fraction : float
-        0 to 1.
+        Probability, 0 to 1.
     """
     if fraction <= 0:
         return np.zeros(0, np.intp)
@@ -28,7 +28,7 @@ def rare_pixels(random: np.random.Generator, size: int, fraction: float) -> NDAr
     last = -1
     while last < size:
         expected = (size - last) * fraction
-        # One draw is enough but for one case in a billion.
+        # One draw is enough except in one case in a billion.
         gaps = random.geometric(fraction, math.ceil(expected + 6 * math.sqrt(expected)) + 6)
         places.append(last + np.cumsum(gaps, dtype=np.intp))
         last = int(places[-1][-1])

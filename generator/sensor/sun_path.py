@@ -1,4 +1,4 @@
-"""Which pixels of a fixed camera the Sun's image crosses by day, and for how long."""
+"""The pixels of a fixed camera that the Sun's image crosses by day, and the duration."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from generator.scenario.sunburn_spec import SunburnSpec
 Floats = NDArray[np.float64]
 
 RADIUS_DEG = 0.2666
-"""Of the Sun's disk at 1 au: 959.63 arcsec (Auwers 1891, the value of the almanacs)."""
+"""Radius of the Sun's disk at 1 au: 959.63 arcsec (Auwers 1891, the value of the almanacs)."""
 WITHIN_PX = 0.25
-"""Along u and v from a pixel's middle to the four points that stand for it."""
+"""Distance along u and v from a pixel's centre to the four points that represent it."""
 WIDEST_PX = 10.0
-"""Angle across a pixel anywhere over that on the axis, at most, with room."""
+"""Upper limit of the angle across a pixel anywhere relative to that on the axis."""
 
 
 @functools.lru_cache(maxsize=2)
 def sun_minutes(burn: SunburnSpec, camera: CameraSpec) -> NDArray[np.float32]:
-    """Minutes that each pixel lay in the Sun's image, (height, width) array, read-only.
+    """Minutes that each pixel was in the Sun's image, (height, width) array, read-only.
 
-    The time that the disk's chord takes at a pixel's declination, summed over the days; the Sun moves evenly in hour angle
-    and declination between the first and the last hour. Refraction (0.1 deg at an altitude of 10 deg), the width of the
-    point spread and the dimming by air are left out.
+    They are the time that the disk's chord takes at a pixel's declination, summed over the days. The Sun moves uniformly
+    in hour angle and declination between the first and the last hour. Refraction (0.1 deg at an altitude of 10 deg), the
+    width of the point spread function and the dimming by air are left out.
     """
     attitude = Pointing(azimuth_deg=burn.azimuth_deg, altitude_deg=burn.altitude_deg, roll_deg=burn.roll_deg)
     R_cam = pointing_matrix(attitude)
@@ -50,7 +50,7 @@ def sun_minutes(burn: SunburnSpec, camera: CameraSpec) -> NDArray[np.float32]:
 
 
 def _minutes(burn: SunburnSpec, days: Floats, declination: Floats, hour_angle: Floats) -> Floats:
-    """Minutes at places of the sky, (n,) array."""
+    """Minutes in the Sun's image at places in the sky, (n,) array."""
     hours, parts = np.array(burn.hours_utc).T
     total = np.zeros(len(declination))
     for first_declination, last_declination, first_angle, last_angle in days:

@@ -1,4 +1,4 @@
-"""Pixels that the Sun burnt: traps that keep a fixed charge back."""
+"""Pixels burnt by the Sun: traps that retain a fixed charge."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from generator.sensor.sun_path import sun_minutes
 
 @dataclass(frozen=True, eq=False)
 class TrappedCharge:
-    """Pixels that keep part of their charge back in each exposure.
+    """Pixels that retain part of their charge in each exposure.
 
-    Traps hold a fixed charge, so that a pixel loses much of little light and little of much (Janesick 2001, Scientific
-    Charge-Coupled Devices, chapter 5; dark pixels where X-rays damaged the CCD of Yohkoh's telescope, Acton 1997). They are
-    full to the part n / (n + half_full_e), where n is the charge that stays free (the steady state of capture and emission:
-    Shockley & Read 1952, Phys. Rev. 87, 835).
+    Traps hold a fixed charge, so a pixel loses a large fraction of a weak signal and a small fraction of a strong one
+    (Janesick 2001, Scientific Charge-Coupled Devices, chapter 5; dark pixels where X-rays damaged the CCD of Yohkoh's
+    telescope, Acton 1997). They are filled to the fraction n / (n + half_full_e), where n is the charge that remains free
+    (the steady state of capture and emission: Shockley & Read 1952, Phys. Rev. 87, 835).
 
     Attributes
     ----------
     places : (n,) array
-        Flat places of the pixels.
+        Flat indices of the pixels.
     room_e : (n,) array
-        Electrons that all traps of each can hold.
+        Electrons that all traps of each pixel can hold.
     half_full_e : float
     """
 
@@ -36,12 +36,12 @@ class TrappedCharge:
     half_full_e: float
 
     def held_e(self, charge: Floats) -> Floats:
-        """Electrons kept back of the charge of each of these pixels, (..., n) array."""
+        """Electrons retained from the charge of each of these pixels, (..., n) array."""
         whole = charge + self.room_e + np.float32(self.half_full_e)
         return (whole - np.sqrt(np.maximum(whole * whole - 4 * self.room_e * charge, 0))) / 2
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
-        """Take the charge."""
+        """Remove the retained charge."""
         del exposure
         result = signal.copy()
         pixels = result.reshape(*signal.shape[:-2], -1)
@@ -50,10 +50,10 @@ class TrappedCharge:
 
 
 def burnt_pixels(camera: CameraSpec, sensor: SensorSpec, unit: NoiseStream) -> TrappedCharge | None:
-    """The pixels that the Sun burnt on this very sensor; None where it did not, or without noise.
+    """The pixels of this particular sensor that the Sun burnt; None if there are none, or without noise.
 
-    Traps are Poisson, with a mean in proportion to the minutes in the Sun's image, and each has room for
-    an exponentially distributed charge. That is the law that fits an all-sky camera's pixels (docs/physics.md).
+    The number of traps is Poisson, with a mean proportional to the minutes in the Sun's image, and each can hold an
+    exponentially distributed charge. This law fits an all-sky camera's pixels (docs/physics.md).
     """
     burn = sensor.sunburn
     if burn is None or not sensor.noise:

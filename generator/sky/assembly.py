@@ -1,4 +1,4 @@
-"""The whole diffuse sky of a frame: its components, one by one and together."""
+"""The whole diffuse sky of a frame: its components, separately and together."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ Floats = NDArray[np.float64]
 
 @functools.cache
 def star_light(catalogue: str = "ybsc+hipparcos", limit_v_mag: float = 9.0) -> tuple[float, float]:
-    """Factor of the Milky Way's map, and mean S10(V) of all stars over the sky.
+    """Return the factor on the Milky Way's map, and the mean S10(V) of all stars over the sky.
 
     Parameters
     ----------
     catalogue : str
-        ``ybsc+hipparcos``: all of it counts as drawn; ``tycho2``: what is brighter than the limit.
+        With ``ybsc+hipparcos``, all of it counts as drawn; with ``tycho2``, stars brighter than the limit do.
     limit_v_mag : float
     """
     if catalogue == "tycho2":
@@ -61,7 +61,7 @@ NATURAL: dict[Component, Callable[[SkySpec, StarsSpec, Atmosphere | None, SkySta
     ),
     "starlight": lambda spec, stars, air, state: scattered_starlight(_light_of(stars)[1], air),
 }
-"""Components that shine without lamps, Moon and Sun. A Bortle class counts them: lamps give what they leave."""
+"""Components that do not depend on lamps, Moon and Sun. A Bortle class includes them; lamps provide the rest of its light."""
 
 
 def _light_of(stars: StarsSpec) -> tuple[float, float]:
@@ -69,7 +69,7 @@ def _light_of(stars: StarsSpec) -> tuple[float, float]:
 
 
 def layout(spec: SkySpec) -> tuple[City, ...]:
-    """The cities of a scenario, their output not yet scaled."""
+    """Cities of a scenario, before their output is scaled."""
     if spec.cities is not None:
         return tuple(city.city() for city in spec.cities)
     if spec.bortle is not None:
@@ -81,21 +81,21 @@ def layout(spec: SkySpec) -> tuple[City, ...]:
 
 
 def _asked_zenith(spec: SkySpec) -> float | None:
-    """Zenith brightness that the scenario asks for, V mag/arcsec^2; None where its cities' own output counts."""
+    """Zenith brightness requested by the scenario, V mag/arcsec^2; None if its cities' own output counts."""
     return spec.zenith_mag_arcsec2 if spec.bortle is None else BORTLE_ZENITH_MAG[spec.bortle]
 
 
 def sky_layers(
     spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, state: SkyState, horizon_deg: float = 0.0
 ) -> dict[str, SkyTable]:
-    """Components of a frame's sky at the ground, by name; their sum, beside the `stars` that are drawn, is the sky.
+    """Components of a frame's sky at the ground, by name; their sum, together with the drawn `stars`, is the sky.
 
-    Over a horizon at an apparent altitude of `horizon_deg`, 0 or less, the Sun is up.
+    The Sun counts as up if it is above a horizon at the apparent altitude `horizon_deg`, 0 or less.
 
     Raises
     ------
     GeneratorError
-        Twilight is asked for and the Sun is up.
+        Twilight is requested and the Sun is up.
     DataFileError
         A map is missing or damaged.
     """
@@ -111,7 +111,7 @@ def sky_layers(
         asked = float(radiance_from_surface_brightness(asked_mag))
         natural = sum(layer.zenith_v() for layer in layers.values())
         if natural > asked:
-            # Darker than this night's natural sky: its components keep their proportions.
+            # The request is darker than this night's natural sky, so the components keep their proportions.
             layers = {name: layer.scaled(asked / natural) for name, layer in layers.items()}
         if glow is not None:
             factor = max(0.0, asked - natural) / glow.zenith_v()
@@ -145,7 +145,7 @@ def _under_cloud(
     state: SkyState,
     ground_albedo: Albedo,
 ) -> dict[str, SkyTable]:
-    """Layers as seen through the frame's cloud, and the cloud's own light."""
+    """Return the layers seen through the frame's cloud, and the cloud's own light."""
     assert state.clouds is not None
     passed = CloudVeil(state.clouds)
     moon_sine = max(0.0, float(state.moon_enu[2])) if "moonlight" in layers else 0.0

@@ -1,8 +1,9 @@
 """The diffuse sky between the horizontal and the dipped horizon of an observer in the air.
 
-Each component continues from its light at the horizontal, azimuth by azimuth. Light from above the air is dimmed by the
-further air that the ray passes, with the same effective optical depth as above the horizontal, and an airglow layer is seen
-as obliquely as above it. Light that the air itself scatters grows as 1 - exp(-depth), towards that of air without an end.
+Each component is continued from its light at the horizontal, separately at each azimuth. Light from above the air is
+dimmed by the additional air along the ray, with the same effective optical depth as above the horizontal, and an airglow
+layer is seen as obliquely as there. Light that the air itself scatters grows as 1 - exp(-depth), towards that of
+infinitely deep air.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ FROM_ABOVE_THE_AIR = ("airglow", "zodiacal", "milky_way")
 
 
 def dip_factors(name: str, horizon: Horizon, atmosphere: Atmosphere | None) -> Floats:
-    """Radiance at the horizon's `dipping_deg` over that at the horizontal, (rows, len(GRID_NM)) array, of a component."""
+    """Radiance of a component at the horizon's `dipping_deg` over that at the horizontal, (rows, len(GRID_NM)) array."""
     factors = np.ones((len(horizon.dipping_deg), len(GRID_NM)))
     if name == "airglow":
         factors *= (van_rhijn(90 + horizon.dipping_deg) / van_rhijn(90.0))[:, None]
@@ -40,7 +41,7 @@ def dip_factors(name: str, horizon: Horizon, atmosphere: Atmosphere | None) -> F
 def down_to_the_horizon(
     layers: dict[str, SkyTable], horizon: Horizon, atmosphere: Atmosphere | None
 ) -> dict[str, SkyTable]:
-    """The layers of a sky, continued below the horizontal where the horizon dips."""
+    """Return the layers of a sky, continued below the horizontal if the horizon dips."""
     if not horizon.dips:
         return layers
     return {

@@ -1,4 +1,4 @@
-"""Artificial skyglow: cities of lamps through the baked radiative transfer."""
+"""Artificial skyglow: light of cities from precomputed radiative transfer."""
 
 from __future__ import annotations
 
@@ -36,20 +36,23 @@ BORTLE_CITY_RADIUS_KM = 10.0
 BORTLE_CITY_AZIMUTH_DEG = 225.0
 BORTLE_NEARBY_RADIUS_KM = 5.0
 BORTLE_NEARBY_MLM = {1: 0.20, 2: 0.35, 3: 0.69, 4: 1.64, 5: 5.36, 6: 15.6}
-"""Light that leaves settlements within 5 km of the observer upwards, where the city's is 100 Mlm: four fifths of the
+"""Upward light of settlements within 5 km of the observer, if that of the city is 100 Mlm. It makes four fifths of the
 artificial light at the zenith in standard air."""
 
 
 def bortle_city(bortle: int) -> City:
-    """The city of a Bortle class: so far away, of 10 km radius, in the south-west. skybench's convention."""
+    """Return the city of a Bortle class: its distance depends on the class, its radius is 10 km, in the south-west.
+
+    This is skybench's convention.
+    """
     return City(BORTLE_DISTANCE_KM[bortle], BORTLE_CITY_AZIMUTH_DEG, BORTLE_CITY_RADIUS_KM)
 
 
 def bortle_layout(bortle: int) -> tuple[City, ...]:
-    """The default place of a Bortle class: its city, and outside of it the settlements around the observer.
+    """Return the default surroundings of a Bortle class: its city, and outside it the settlements around the observer.
 
-    A city alone as the only light of a place (classes 1 to 6) would make the sky 13 to 18 times brighter low over the city
-    than at the zenith; measured skies reach 5 (docs/physics.md). So most light at the zenith comes from nearby.
+    If a city were the only light (classes 1 to 6), the sky low above it would be 13 to 18 times brighter than the zenith;
+    measured skies reach 5 (docs/physics.md). Most light at the zenith therefore comes from nearby.
     """
     city = bortle_city(bortle)
     if bortle not in BORTLE_NEARBY_MLM:
@@ -72,8 +75,9 @@ def city_radiance(
     """Transfer from a city to the sky: radiance per unit output, m^-2 sr^-1, (wavelength, altitude, azimuth) array.
 
     Axes: WAVELENGTHS_NM, the bake's view altitudes, and azimuths relative to the city's. Single scattering is integrated
-    here over the disk, the rest is the baked kernel of a lamp over the disk, both above flat ground. What the Earth's
-    curvature does to single scattering multiplies it in each direction; the rest is multiplied by its value at the zenith.
+    here over the disk; the rest is the baked kernel of a lamp, integrated over the disk. Both are above flat ground. The
+    effect of the Earth's curvature on single scattering is applied as a factor in each direction; the rest is multiplied
+    by the factor at the zenith.
     """
     inputs = (distance_km, radius_km, horizon_share, atmosphere, albedo)
     arrays = kept("city", inputs, lambda: {"transfer": _transfer(*inputs)})
@@ -105,7 +109,7 @@ def _transfer(
 
 
 def upward_spectrum(city: City, albedo: Albedo = DEFAULT_ALBEDO) -> Floats:
-    """Photons that leave a city upwards, s^-1 nm^-1 at GRID_NM."""
+    """Upward photon output of a city, s^-1 nm^-1 at GRID_NM."""
     ground = output_over_ground(city.horizon_share, albedo_at(albedo, GRID_NM))
     return city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps) * ground
 
@@ -122,7 +126,7 @@ def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR, albedo: Albedo
     coarse = np.exp(interpolator(np.stack(np.meshgrid(view, relative, indexing="ij"), axis=-1)))
     maps = np.stack([upsampled(coarse[..., k], rows, columns, grid.shape) for k in range(len(WAVELENGTHS_NM))])
     hats = np.array([np.interp(GRID_NM, WAVELENGTHS_NM, row) for row in np.eye(len(WAVELENGTHS_NM))])
-    # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
+    # Between nodes the light is interpolated over the scattering optical depth, which removes most of the curvature.
     depth = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa) + aerosol_optical_depth(
         GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent
     )
@@ -132,10 +136,10 @@ def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR, albedo: Albedo
 
 @functools.lru_cache(maxsize=16)
 def skyglow(cities: tuple[City, ...], atmosphere: Atmosphere | None, albedo: Albedo = DEFAULT_ALBEDO) -> SkyTable:
-    """Skyglow of a layout of cities at the ground; without an atmosphere that dims, as in the standard one."""
+    """Skyglow of a layout of cities at the ground; without a dimming atmosphere, as in the standard one."""
     tables: dict[Hashable, SkyTable] = {}
     for city in cities:
-        # Cities of the same lamps and emission have the same spectra, up to their output: their maps are added.
+        # Cities with the same lamps and emission have the same spectra except for their output, so their maps are added.
         table = city_table(dataclasses.replace(city, upward_mlm=1.0), atmosphere or STANDARD_AIR, albedo)
         maps = table.parts * np.float32(city.upward_mlm)
         alike = city.lamps, city.horizon_share

@@ -1,4 +1,4 @@
-"""Light through an endless layer that absorbs nothing: all orders of scattering, by doubling.
+"""Light transmitted by an infinite, conservatively scattering layer: all orders of scattering, by doubling.
 
 Source: Hansen & Travis 1974, Space Sci. Rev. 16, 527, after van de Hulst, for each Fourier term in azimuth.
 """
@@ -19,31 +19,31 @@ from generator.sky.component import blas_threads
 Floats = NDArray[np.float64]
 
 STREAMS = 24
-"""Gaussian points of the cosine, 0 to 1."""
+"""Number of Gaussian points of the cosine, from 0 to 1."""
 TERMS = 24
-"""Fourier terms in azimuth; light scattered more than once is smooth."""
+"""Number of Fourier terms in azimuth; light scattered more than once is smooth."""
 TURNS = 128
-"""Azimuths from which the terms of the phase function come."""
+"""Number of azimuths from which the terms of the phase function are computed."""
 FIRST_DEPTHS = 2.0**-20, 2.0**-19.5
-"""Of the layers that two series of doublings start from, which scatter once."""
+"""Optical depths of the layers from which two series of doublings start; they scatter once."""
 KEPT_FROM, KEPT_TO = 2.0**-10, 2.0**8
-"""Optical depths from and to which light is kept."""
+"""Range of optical depths at which results are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class LayerTransfer:
-    """Light that comes through layers after more than one scattering.
+    """Light transmitted by layers after more than one scattering.
 
     Attributes
     ----------
     cosines : (n,) array
-        Of the line of sight and of the source, from the vertical.
+        Cosines of the line of sight and of the source, from the vertical.
     depths : (d,) array
         Vertical optical depths.
     more : (d, TERMS, n, n) array
         Fourier terms of the transmission function by line of sight and source, less the light scattered once.
     albedo : (d, n) array
-        Part of the light of a source that each layer sends back.
+        Fraction of a source's light that each layer reflects.
     """
 
     cosines: Floats
@@ -57,9 +57,9 @@ class LayerTransfer:
         Parameters
         ----------
         cosine : float
-            Of the source.
+            Cosine of the source.
         depths : (d,) array
-            From 0 to KEPT_TO.
+            Vertical optical depths, from 0 to KEPT_TO.
         views : (v,) array
             Cosines of lines of sight.
         turns : (t,) array
@@ -67,7 +67,8 @@ class LayerTransfer:
         """
         source, seen = (_spline_weights(self.cosines, at) for at in (np.atleast_1d(cosine), views))
         waves = np.cos(np.arange(TERMS)[:, None] * turns) * np.where(np.arange(TERMS) == 0, 1, 2)[:, None]
-        # Light scattered twice goes with the square of the depth: what is interpolated is nearly constant.
+        # Light scattered twice is proportional to the square of the depth, so the interpolated quantity is nearly
+        # constant.
         kept, wanted = (depth**2 / (1 + depth**2) for depth in (self.depths, depths))
         between = _spline_weights(np.log(self.depths), np.log(np.clip(depths, self.depths[0], self.depths[-1])))
         by_view = np.einsum("vn,dmn->dvm", seen, self.more @ source[0])
@@ -76,16 +77,16 @@ class LayerTransfer:
 
 
 def _spline_weights(nodes: Floats, places: Floats) -> Floats:
-    """Weights of the values at nodes in a cubic spline's at places, (places, nodes)."""
+    """Weights of the values at nodes in a cubic spline's values at places, (places, nodes)."""
     return np.asarray(CubicSpline(nodes, np.eye(len(nodes)))(places))
 
 
 def layer_transfer(phase: Callable[[Floats], Floats]) -> LayerTransfer:
-    """Transfer through layers of a phase function of the angle (rad), sr^-1."""
+    """Transfer through layers with a phase function of the angle (rad), sr^-1."""
     node, weight = np.polynomial.legendre.leggauss(STREAMS)
     cosines, weights = (node + 1) / 2, weight / 2
     forwards, backwards = (_terms(phase, cosines, side) for side in (1.0, -1.0))
-    # What the quadrature loses or makes would count again in each doubling.
+    # Light that the quadrature loses or creates would be counted again in each doubling.
     total = (weights[:, None] * (forwards[0] + backwards[0])).sum(axis=0) / 2
     scale = 1 / np.sqrt(total[:, None] * total)
     for _ in range(20):
@@ -100,7 +101,7 @@ def layer_transfer(phase: Callable[[Floats], Floats]) -> LayerTransfer:
 
 
 def _terms(phase: Callable[[Floats], Floats], cosines: Floats, side: float) -> Floats:
-    """Fourier terms of a phase function (mean 1) between directions on one side or on both, (TERMS, n, n)."""
+    """Fourier terms of a phase function (mean 1) between directions on the same side or on opposite ones, (TERMS, n, n)."""
     turn = 2 * np.pi * np.arange(TURNS) / TURNS
     sines = np.sqrt(1 - cosines**2)
     together = side * cosines[:, None, None] * cosines[:, None] + sines[:, None, None] * sines[:, None] * np.cos(turn)
@@ -109,13 +110,13 @@ def _terms(phase: Callable[[Floats], Floats], cosines: Floats, side: float) -> F
 
 
 def scattered_once(view_path: ArrayLike, source_path: ArrayLike) -> Floats:
-    """Radiance of light scattered once downwards through a layer, over phase function and irradiance.
+    """Radiance of light scattered once downwards through a layer, divided by phase function and irradiance.
 
-    Arguments are the optical depths along the line of sight and along the way from the source, p and q: it is p (exp(-q) -
-    exp(-p)) / (p - q) (Chandrasekhar 1950, section 7).
+    The arguments are the optical depths p and q along the line of sight and along the path from the source. The result is
+    p (exp(-q) - exp(-p)) / (p - q) (Chandrasekhar 1950, section 7).
     """
     view, source = np.asarray(view_path, dtype=np.float64), np.asarray(source_path, dtype=np.float64)
-    # Written from the shorter way, so that nothing overflows.
+    # Formulated with the shorter path, so that nothing overflows.
     gap = np.abs(view - source)
     small = gap < 1e-6
     mean = np.where(small, 1 - gap / 2, -np.expm1(-gap) / np.where(small, 1, gap))
@@ -123,7 +124,7 @@ def scattered_once(view_path: ArrayLike, source_path: ArrayLike) -> Floats:
 
 
 def _once(depth: float, cosines: Floats) -> tuple[Floats, Floats]:
-    """Reflection and transmission functions of light scattered once, over a phase function of mean 1, (n, n) each."""
+    """Reflection and transmission functions of light scattered once, for a phase function of mean 1, (n, n) each."""
     out, into = cosines[:, None], cosines
     back = -np.expm1(-depth * (1 / out + 1 / into)) / (4 * (out + into))
     return back, scattered_once(depth / out, depth / into) / (4 * into)
@@ -132,7 +133,7 @@ def _once(depth: float, cosines: Floats) -> tuple[Floats, Floats]:
 def _doubled(
     first: float, forwards: Floats, backwards: Floats, cosines: Floats, weights: Floats
 ) -> list[tuple[float, Floats, Floats]]:
-    """Layers of doubled depths: depth, transmission less light scattered once, and albedo, of those that are kept."""
+    """Layers of doubled depths that are kept: depth, transmission without light scattered once, and albedo."""
     measure = 2 * cosines * weights
     kept = []
     depth = first
@@ -155,7 +156,7 @@ def _doubled(
 
 @functools.lru_cache(maxsize=2)
 def cloud_transfer(ice: bool) -> LayerTransfer:
-    """Transfer through cloud of crystals or droplets, by depths without what is diffracted."""
-    # BLAS threads wait for each other in busy loops: for matrices this small one is many times faster.
+    """Transfer through cloud of crystals or droplets, for depths without the diffracted part."""
+    # BLAS threads wait for each other in busy loops: for matrices this small, one thread is many times faster.
     with blas_threads().limit(limits=1, user_api="blas"):
         return layer_transfer(lambda angle: ray_phase(angle, ice))

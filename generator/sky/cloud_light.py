@@ -1,4 +1,4 @@
-"""Light of cloud: reflected light from below, and moonlight that it scatters."""
+"""Light of cloud: reflected light from below, and scattered moonlight."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ def light_from_city(
     altitude_km: float,
     camera_km: float = 0.0,
 ) -> Floats:
-    """Upward irradiance of a :class:`City` at the layer over each direction of a coarse grid, (rows, columns) array.
+    """Upward irradiance by a :class:`City` at the layer above each direction of a coarse grid, (rows, columns) array.
 
-    Per unit V-band photon output, m^-2. The layer is `altitude_km` over the camera, and that `camera_km` over the ground.
+    It is per unit V-band photon output, m^-2. The layer is `altitude_km` above the camera, which is `camera_km` above the
+    ground.
     """
     grid = sky_grid()
     rows, columns = coarse_axes()
@@ -77,22 +78,22 @@ def cloud_light(
     ----------
     clouds : CloudField
     cities : tuple of City
-        With their final output.
+        Cities with their final output.
     ground_spectrum : (n,) array
-        Photon irradiance that the ground sends up by reflecting the natural sky and the Moon, s^-1 m^-2 nm^-1.
+        Upward photon irradiance of natural sky light and moonlight that the ground reflects, s^-1 m^-2 nm^-1.
     moon_irradiance : (n,) array
-        Above the air; zero when the Moon is down.
+        Irradiance above the air; zero when the Moon is down.
     moon_enu : (3,) array
-        Apparent direction.
+        Apparent direction of the Moon.
     atmosphere : Atmosphere or None
-        All of it is taken to lie below the cloud.
+        Air, all of which is taken to be below the cloud.
     ground_albedo : float or points
-        City light goes to and fro between cloud and ground: as between two endless layers.
+        Albedo of the ground. City light is reflected repeatedly between cloud and ground, as between two infinite layers.
 
     Returns
     -------
     SkyTable
-        Cloud reflects light from below as a Lambert surface: brighter over a city.
+        The light of the cloud. It reflects light from below as a Lambert surface, so it is brighter over a city.
     """
     even = np.full((sky_grid().shape[0], 1), 1 / np.pi)
     rows, columns = coarse_axes()
@@ -114,7 +115,7 @@ def cloud_light(
         output = upward_spectrum(city, ground_albedo) * again
         from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
     below = side_by_side(from_below)
-    # What is not passed on is reflected: 1 less the transmission.
+    # All light that is not transmitted is reflected: 1 minus the transmission.
     veiled: list[tuple[Veil, SkyTable]] = [(CloudVeil(clouds), below.scaled(-1.0))]
     if moon_enu[2] > 0 and moon_irradiance.any():
         moon = above_the_air(np.ones_like(even), moon_irradiance, atmosphere)

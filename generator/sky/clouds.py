@@ -1,4 +1,4 @@
-"""Thin cloud: optical depth on one layer, which dims what lies above."""
+"""Thin cloud: the optical depth of one layer, which dims everything above it."""
 
 from __future__ import annotations
 
@@ -20,38 +20,40 @@ Floats = NDArray[np.float64]
 COARSE_CELLS, COARSE_CELL_KM = 1024, 0.125
 FINE_CELLS, FINE_CELL_KM = 512, 0.0125
 SPLIT_PER_KM = 3.2
-"""Waves longer than 1 / SPLIT_PER_KM are in the coarse tile of 128 km, shorter ones in the fine tile of 6.4 km."""
+"""Wave number that separates the tiles: waves longer than 1 / SPLIT_PER_KM are in the coarse tile of 128 km, shorter ones in
+the fine tile of 6.4 km."""
 
 SWEPT_STEP_KM = 0.1
-"""Of the wind's way during an exposure, per moment at which the cloud is evaluated: ten pixels of a wide camera at 2 km."""
+"""Distance that the wind covers between two moments of an exposure at which the cloud is evaluated: ten pixels of a wide
+camera at 2 km."""
 MOST_MOMENTS = 6
-"""Bounds the time of a frame with fast cloud."""
+"""Limits the time of a frame with fast cloud."""
 MEAN_STEP = 0.01
-"""Step, over the fine field's standard deviation, in which the coarse field is counted for the mean depth."""
+"""Step, in standard deviations of the fine field, in which the coarse field is counted for the mean depth."""
 COARSE_STEP = 4
-"""Cells between those in which the reflectance is taken."""
+"""Step in cells at which the reflectance is evaluated."""
 CELL_WIDTH = 0.3
-"""Width of the band of waves of cells over its wave number."""
+"""Width of the wave band of cells relative to its wave number."""
 LEAST_PASSED = 1e-4
-"""Part of the power of short waves that a thick layer leaves."""
+"""Least fraction of the power of short waves that a thick layer leaves."""
 CELL_SHARE = 0.6
-"""Part of the field's variance in that band."""
+"""Fraction of the field's variance in that band."""
 
 
 @dataclass(frozen=True)
 class Texture:
-    """How a kind of cloud differs from the same power in all directions.
+    """Deviation of a kind of cloud from a power spectrum that is the same in all directions.
 
     Attributes
     ----------
     stretch : float
-        Length of waves along the wind over that across.
+        Length of waves along the wind relative to that across.
     wind_azimuth_deg : float
-        Towards which it blows.
+        Azimuth towards which the wind blows.
     cell_km : float
-        Distance of cells; 0: none.
+        Distance between cells; 0 for none.
     thickness_km : float
-        Of the layer; light that comes through spreads sideways.
+        Thickness of the layer; transmitted light spreads sideways.
     """
 
     stretch: float = 1.0
@@ -60,16 +62,17 @@ class Texture:
     thickness_km: float = 0.0
 
     def passed(self, k: Floats) -> Floats:
-        """Part of the power of waves (per km) that sideways transport leaves.
+        """Fraction of the power of waves (per km) that sideways transport leaves.
 
-        Light of a point on one side of a dense layer leaves the other as a spot whose root mean square radius comes near the
-        thickness, whatever the depth (Davis & Marshak 2002, J. Atmos. Sci. 59, 2713), so that shorter waves hardly show
-        (Marshak et al. 1995, J. Geophys. Res. 100, 26247). The spot is taken as Gaussian, and as a mean of the depth.
+        Light that enters a dense layer at a point leaves the other side as a spot whose root mean square radius is close
+        to the thickness, whatever the depth (Davis & Marshak 2002, J. Atmos. Sci. 59, 2713), so that shorter waves hardly
+        show (Marshak et al. 1995, J. Geophys. Res. 100, 26247). The spot is taken as Gaussian, and as an average over the
+        depth.
         """
         return np.maximum(np.exp(-((2 * np.pi * k * self.thickness_km) ** 2) / 2), LEAST_PASSED)
 
     def power(self, kx: Floats, ky: Floats, slope: float, outer_scale_km: float) -> Floats:
-        """Power by the wave numbers towards east and north, per km; (n, m) array for (1, m) and (n, 1)."""
+        """Power at wave numbers towards east and north, per km; (n, m) array for (1, m) and (n, 1)."""
         turn = np.radians(self.wind_azimuth_deg)
         along = (kx * np.sin(turn) + ky * np.cos(turn)) * np.sqrt(self.stretch)
         across = (kx * np.cos(turn) - ky * np.sin(turn)) / np.sqrt(self.stretch)
@@ -83,7 +86,7 @@ class Texture:
             return np.asarray(power)
         peak = 1 / self.cell_km
         cells = np.exp(-0.5 * ((k - peak) / (CELL_WIDTH * peak)) ** 2)
-        # Variances over the plane: of the cells a ring's, of the rest that of the power law.
+        # Variances integrated over the plane: of a ring for the cells, of the power law for the rest.
         ring = 2 * np.pi * peak * CELL_WIDTH * peak * np.sqrt(2 * np.pi)
         rest = 2 * np.pi / (-slope - 2) * outer_scale_km ** (-slope - 2)
         return np.asarray(power + cells * rest / ring * CELL_SHARE / (1 - CELL_SHARE))
@@ -96,7 +99,7 @@ class CloudPattern:
     Attributes
     ----------
     coarse, fine : (n, n) arrays
-        Rows go north, columns east, COARSE_CELL_KM and FINE_CELL_KM apart.
+        Tiles whose rows go north and columns east, COARSE_CELL_KM and FINE_CELL_KM apart.
     threshold, scale : float
         Depth is scale x (coarse + fine - threshold), or zero.
     mean_depth : float
@@ -124,7 +127,7 @@ class CloudField:
     Attributes
     ----------
     altitude_km : float
-        Of the layer over the camera.
+        Height of the layer above the camera.
     pattern : CloudPattern
         Its origin is over the site when `east_km` = `north_km` = 0.
     east_km, north_km : float
@@ -132,13 +135,13 @@ class CloudField:
     swept_km : (east, north)
         How far the wind carries it while the shutter is open.
     point_share : float
-        Part of the optical depth that takes light out of a star's image.
+        Fraction of the optical depth that removes light from a star's image.
     particle_um : float
-        Effective diameter of its particles; 0: they diffract as widely as they scatter.
+        Effective diameter of its particles; 0 means that they diffract as widely as they scatter.
     ice : bool
-        Of crystals, otherwise of droplets.
+        Whether it consists of crystals, otherwise of droplets.
     camera_km : float
-        Height of the camera over the ground.
+        Height of the camera above the ground.
     """
 
     altitude_km: float
@@ -153,12 +156,12 @@ class CloudField:
 
     @property
     def asymmetry(self) -> float:
-        """Mean cosine of the angle by which its particles scatter."""
+        """Mean cosine of the scattering angle of its particles."""
         return ICE_ASYMMETRY if self.ice else WATER_ASYMMETRY
 
     @property
     def moments(self) -> tuple[CloudField, ...]:
-        """The field at times evenly spaced over the exposure, each at rest; once for every SWEPT_STEP_KM of wind."""
+        """Return the field at times evenly spaced over the exposure, stationary at each; one per SWEPT_STEP_KM of wind."""
         east, north = self.swept_km
         count = int(np.clip(np.ceil(np.hypot(east, north) / SWEPT_STEP_KM), 1, MOST_MOMENTS))
         after = (np.arange(count) + 0.5) / count - 0.5
@@ -170,16 +173,16 @@ class CloudField:
         )
 
     def point_transmission(self, enu: Floats) -> Floats:
-        """Part of the light of points that arrives in their images, mean over the exposure, (...) array for (..., 3)."""
+        """Fraction of points' light that reaches their images, mean over the exposure, (...) array for (..., 3)."""
         return self._passed([still.slant_depth(enu) for still in self.moments])
 
     def _passed(self, depths: list[Floats]) -> Floats:
         return np.asarray(np.mean([np.exp(-self.point_share * depth) for depth in depths], axis=0))
 
     def depth_and_transmission(self, enu: Floats) -> tuple[Floats, Floats]:
-        """:meth:`slant_depth` and :meth:`point_transmission` of the same lines of sight."""
+        """Return :meth:`slant_depth` and :meth:`point_transmission` for the same lines of sight."""
         depths = [still.slant_depth(enu) for still in self.moments]
-        # One of an odd number of moments is the middle of the exposure.
+        # With an odd number of moments, one is the middle of the exposure.
         middle = depths[len(depths) // 2] if len(depths) % 2 else self.slant_depth(enu)
         return middle, self._passed(depths)
 
@@ -188,8 +191,8 @@ class CloudField:
         ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + self.altitude_km)
         horizontal = np.maximum(np.hypot(enu[..., 0], enu[..., 1]), 1e-12)
         cosine = np.sqrt(1 - (horizontal * ratio) ** 2)
-        # Sine of the angle at the Earth's centre between the site and the point on the layer, without a difference of
-        # angles, so that single precision (the emitter's) does too.
+        # Sine of the angle at the Earth's centre between the site and the point on the layer, computed without a
+        # difference of angles, so that single precision (as in the emitter) suffices.
         turned = horizontal * (1 - ratio) * (1 + ratio) / (cosine + ratio * enu[..., 2])
         away = EQUATORIAL_RADIUS_KM * np.arcsin(turned) / horizontal
         north, east = enu[..., 1] * away - self.north_km, enu[..., 0] * away - self.east_km
@@ -198,7 +201,7 @@ class CloudField:
 
 @dataclass(frozen=True)
 class CloudVeil:
-    """Transmission of a cloud by direction, of diffuse light.
+    """Transmission of diffuse light through a cloud, as a function of direction.
 
     Attributes
     ----------
@@ -223,10 +226,10 @@ def gaussian_tile(
     random: np.random.Generator,
     texture: Texture = Texture(),
 ) -> tuple[NDArray[np.float32], float]:
-    """A periodic Gaussian field of the waves of a band, and its expected variance.
+    """Draw a periodic Gaussian field with waves of one band, and return its expected variance, too.
 
-    Its power is k^slope above 1 / outer scale and flat below, the same function of the wave number for every tile. A texture
-    stretches it and adds the waves of cells.
+    Its power is k^slope above 1 / outer scale and flat below, the same function of the wave number for every tile. A
+    texture stretches it and adds the waves of cells.
     """
     amplitude, variance = _tile_amplitude(cells, cell_km, slope, outer_scale_km, band_per_km, texture)
     white = fft.rfft2(random.standard_normal((cells, cells)).astype(np.float32))
@@ -237,14 +240,14 @@ def gaussian_tile(
 def _tile_amplitude(
     cells: int, cell_km: float, slope: float, outer_scale_km: float, band_per_km: tuple[float, float], texture: Texture
 ) -> tuple[NDArray[np.float32], float]:
-    """Factors on the transform of white noise on a tile, (cells, cells / 2 + 1) array, and the field's expected variance."""
+    """Return factors on the transform of white noise on a tile, (cells, cells / 2 + 1) array, and the expected variance."""
     ky: Floats = np.fft.fftfreq(cells, cell_km).astype(np.float64)[:, None]
     kx: Floats = np.fft.rfftfreq(cells, cell_km).astype(np.float64)[None, :]
     k = np.hypot(kx, ky)
     power = texture.power(kx, ky, slope, outer_scale_km)
     power = power * ((k >= band_per_km[0]) & (k < band_per_km[1])) / cell_km**2
     power[0, 0] = 0
-    # Waves of the other half have the same power; those of the first and the last column stand for themselves.
+    # Waves of the other half have the same power; those of the first and the last column have no counterpart.
     variance = (2 * power.sum() - power[:, 0].sum() - power[:, -1].sum()) / cells**2
     return np.sqrt(power).astype(np.float32), float(variance)
 
@@ -259,10 +262,10 @@ def cloud_pattern(
 ) -> CloudPattern:
     """Draw a layer of cloud.
 
-    The lowest values of a Gaussian field are cut to clear sky so that `coverage` of the area is cloud, and the rest is
-    scaled to the mean. A slope of -8/3 in two dimensions is the -5/3 of a cut through turbulence, which liquid water shows
-    (Davis et al. 1996, J. Atmos. Sci. 53, 1538). It holds from the outer scale to twice FINE_CELL_KM, which from the ground
-    is finer than a wide camera's pixel.
+    The lowest values of a Gaussian field become clear sky so that `coverage` of the area is cloud, and the rest is scaled
+    to the mean. A slope of -8/3 in two dimensions corresponds to -5/3 along a line through turbulence, as observed for
+    liquid water (Davis et al. 1996, J. Atmos. Sci. 53, 1538). It holds from the outer scale to twice FINE_CELL_KM, which
+    is finer than a wide camera's pixel seen from the ground.
     """
     band = (0.0, SPLIT_PER_KM), (SPLIT_PER_KM, 0.5 / FINE_CELL_KM)
     coarse, _ = gaussian_tile(COARSE_CELLS, COARSE_CELL_KM, spectral_slope, outer_scale_km, band[0], random, texture)
@@ -278,9 +281,9 @@ def cloud_pattern(
 
 
 def _mean_above(coarse: NDArray[np.float32], threshold: float, sigma: float) -> float:
-    """Mean of what stands above a threshold of a field to which a Gaussian one of a standard deviation is added.
+    """Mean excess above a threshold of a field plus a Gaussian one with a given standard deviation.
 
-    Counts of the field in steps of MEAN_STEP sigma: within 1e-5 sigma of the mean over its cells.
+    The field is counted in steps of MEAN_STEP sigma; the result is within 1e-5 sigma of the mean over its cells.
     """
     lowest = float(coarse.min())
     above_lowest = coarse - np.float32(lowest)
@@ -292,7 +295,7 @@ def _mean_above(coarse: NDArray[np.float32], threshold: float, sigma: float) -> 
 
 
 def diffuse_transmission(depth: ArrayLike, asymmetry: float = WATER_ASYMMETRY) -> Floats:
-    """Part of diffuse light that a cloud of optical depth passes on: 1 / (1 + 3/4 (1 - g) depth); the rest it reflects.
+    """Fraction of diffuse light that a cloud transmits: 1 / (1 + 3/4 (1 - g) depth); it reflects the rest.
 
     Two-stream approximation without absorption. Source: Bohren 1987, Am. J. Phys. 55, 524, eq. 20.
     """
@@ -301,8 +304,8 @@ def diffuse_transmission(depth: ArrayLike, asymmetry: float = WATER_ASYMMETRY) -
 
 @functools.lru_cache(maxsize=4)
 def mean_reflectance(pattern: CloudPattern, asymmetry: float = WATER_ASYMMETRY) -> float:
-    """Part of diffuse light that a layer reflects, mean over its area."""
-    # Where a node of one tile is a node of the other.
+    """Fraction of diffuse light that a layer reflects, mean over its area."""
+    # Sampled where nodes of both tiles coincide.
     coarse = np.arange(0, COARSE_CELLS, COARSE_STEP)
     fine = coarse * round(COARSE_CELL_KM / FINE_CELL_KM) % FINE_CELLS
     field = pattern.coarse[::COARSE_STEP, ::COARSE_STEP] + pattern.fine[np.ix_(fine, fine)]

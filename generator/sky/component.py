@@ -1,4 +1,4 @@
-"""A component of the sky as a low-rank table, and what the atmosphere does to it."""
+"""A component of the sky as a low-rank table, and the effect of the atmosphere on it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from generator.sky.directions import interpolate, sky_grid, unit_vectors
 Floats = NDArray[np.float64]
 
 DIFFUSE_EXTINCTION_FACTOR = 0.75
-"""Effective optical depth of diffuse light over that of a star: light scattered out of one line of sight is partly made up
-for by light scattered in. Source: Kwon et al. 2004, New Astronomy 10, 91; published values run from 0.5 to 0.9."""
+"""Effective optical depth of diffuse light relative to that of a star: light scattered into a line of sight partly
+compensates for light scattered out of it. Source: Kwon et al. 2004, New Astronomy 10, 91; published values run from 0.5 to
+0.9."""
 
 EXTINCTION_RANK = 8
 COMPRESSION_ERROR = 3e-5
@@ -31,19 +32,19 @@ class Veil(Hashable, Protocol):
     """A factor that varies with direction more finely than the grid."""
 
     def at(self, enu: Floats) -> Floats:
-        """Its values, (...) array for (..., 3) unit vectors above the horizon."""
+        """Values of the factor, (...) array for (..., 3) unit vectors above the horizon."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dip:
-    """How a component continues below the horizontal.
+    """Continuation of a component below the horizontal.
 
     Attributes
     ----------
     lowest_deg : float
         Apparent altitude of the horizon.
     factors : (m, n) array
-        Radiance at m evenly spaced altitudes from the horizon up to 0 over that at 0, at GRID_NM.
+        Radiance at m evenly spaced altitudes from the horizon up to 0 relative to that at 0, at GRID_NM.
     """
 
     lowest_deg: float
@@ -59,7 +60,7 @@ class LowSky:
     lowest_deg : float
         Apparent altitude of the horizon.
     maps : (k, m, nx) float32 array
-        Rows at m evenly spaced altitudes from the horizon up to 0, columns as in the grid.
+        Maps with rows at m evenly spaced altitudes from the horizon up to 0, and columns as in the grid.
     """
 
     lowest_deg: float
@@ -75,19 +76,20 @@ class SkyTable:
     parts : (k, ny, nx) or (k, ny, 1) or (k, ny, m) float32 array
         Maps without their common pattern, on :func:`generator.sky.directions.sky_grid`.
     spectra : (k, n) array
-        At GRID_NM; map times spectrum is in photons s^-1 m^-2 nm^-1 sr^-1.
+        Spectra at GRID_NM; map times spectrum is in photons s^-1 m^-2 nm^-1 sr^-1.
     across : (m, nx) float32 array or None
-        Weights of the parts' columns in those of the grid: the parts have m columns, as a smooth component needs no more.
+        Weights of the parts' columns in those of the grid; the parts have only m columns because a smooth component needs
+        no more.
     pattern : (ny, nx) or (ny, 1) or (p, ny, nx) float32 array or None
-        What all maps are to be multiplied with; None: 1. A component seen through the air is a pattern times a few
-        profiles in altitude, which is much less to compute with than the maps. With p patterns, the first p-th of the maps
-        is to be multiplied with the first, and so on.
+        Common factor of all maps; None means 1. A component seen through the air is a pattern times a few profiles in
+        altitude, which takes much less computation than the maps. With p patterns, the first p-th of the maps is to be
+        multiplied by the first, and so on.
     veiled : tuple of (Veil, SkyTable)
-        Further light, each table to be multiplied with its veil direction by direction.
+        Further light; each table is to be multiplied by its veil in each direction.
     dip : Dip or None
-        How a component continues below the horizontal; None: it ends there.
+        Continuation of a component below the horizontal; None if it ends there.
     low : LowSky or None
-        The light below the horizontal, that behind veils included, in the terms of `parts`.
+        The light below the horizontal, including that behind veils, in the terms of `parts`.
     """
 
     parts: NDArray[np.float32]
@@ -105,12 +107,12 @@ class SkyTable:
 
     @property
     def whole_parts(self) -> NDArray[np.float32]:
-        """The parts times their pattern, (k, ny, nx) or, where nothing depends on the azimuth, (k, ny, 1) array."""
+        """The parts times their pattern, (k, ny, nx) or, if nothing depends on the azimuth, (k, ny, 1) array."""
         return self.wide_parts if self.pattern is None else self.wide_parts * self._pattern_by_part
 
     @property
     def wide_parts(self) -> NDArray[np.float32]:
-        """The parts with all columns of the grid, or one, (k, ny, nx) or (k, ny, 1) array."""
+        """The parts with all columns of the grid, or with one, (k, ny, nx) or (k, ny, 1) array."""
         return self.parts if self.across is None else self.parts @ self.across
 
     @property
@@ -133,19 +135,19 @@ class SkyTable:
 
     @property
     def _pattern_by_part(self) -> NDArray[np.float32]:
-        """The pattern, one for each map if there are several; only where there is one."""
+        """The pattern, one for each map if there are several; requires a pattern."""
         assert self.pattern is not None
         if self.pattern.ndim == 2:
             return self.pattern
         return np.repeat(self.pattern, len(self.parts) // len(self.pattern), axis=0)
 
     def scaled(self, factor: float) -> SkyTable:
-        """The same times a number."""
+        """Return the table multiplied by a number."""
         veiled = tuple((veil, table.scaled(factor)) for veil, table in self.veiled)
         return dataclasses.replace(self, spectra=self.spectra * factor, veiled=veiled)
 
     def behind(self, veil: Veil) -> SkyTable:
-        """The same (of which nothing is veiled yet) seen through a veil."""
+        """Return the table, which has no veiled light yet, seen through a veil."""
         return dataclasses.replace(black_sky(), veiled=((veil, self),))
 
     def weighted(self, weights: Floats) -> NDArray[np.float32]:
@@ -162,7 +164,8 @@ class SkyTable:
             Sum over the terms and GRID_NM of map x spectrum x weight.
         """
         mix = (weights @ self.spectra.T).astype(np.float32)
-        # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
+        # BLAS threads wait for each other in busy loops: on a machine with busy cores, one thread is several times
+        # faster.
         with blas_threads().limit(limits=1, user_api="blas"):
             patterns = (None,) if self.pattern is None else self.pattern.reshape(-1, *self.pattern.shape[-2:])
             each = len(self.parts) // len(patterns)
@@ -177,7 +180,7 @@ class SkyTable:
         return np.broadcast_to(result, (len(weights), *sky_grid().shape))
 
     def signal(self, weights: Floats, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
-        """Weighted sums over the spectrum from m directions, (c, m) array for (c, n) weights; below the horizon: at it."""
+        """Weighted sums over the spectrum in m directions, (c, m) array for (c, n) weights; those at the horizon below it."""
         light = (weights @ self.spectra.T) @ interpolate(self.maps, altitude_deg, azimuth_deg)
         for veil, table in self.veiled:
             enu = unit_vectors(np.clip(altitude_deg, 0, 90), azimuth_deg)
@@ -185,12 +188,12 @@ class SkyTable:
         return light
 
     def radiance(self, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
-        """Radiance from m directions, (m, n) array; zero below the horizon."""
+        """Radiance in m directions, (m, n) array; zero below the horizon."""
         light = self.signal(np.eye(len(GRID_NM)), altitude_deg, azimuth_deg).T
         return np.where(np.asarray(altitude_deg)[:, None] >= 0, light, 0.0)
 
     def v_mag_arcsec2(self, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
-        """Surface brightness of m directions, V mag/arcsec^2, (m,) array."""
+        """Surface brightness in m directions, V mag/arcsec^2, (m,) array."""
         light = self.signal(v_band()[None], altitude_deg, azimuth_deg)[0]
         return surface_brightness_from_radiance(np.maximum(light, 1e-30))
 
@@ -206,7 +209,7 @@ class SkyTable:
 
 @functools.lru_cache(maxsize=2)
 def _overhead(veil: Veil) -> float:
-    """A veil's factor at the zenith: the components of a sky have their veils in common."""
+    """A veil's factor at the zenith, cached because the components of a sky share their veils."""
     return float(veil.at(np.array([[0.0, 0.0, 1.0]]))[0])
 
 
@@ -217,7 +220,7 @@ def v_band() -> Floats:
 
 
 def _in_place(operation: np.ufunc, values: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Of two arrays, written over the first where it has the result's shape."""
+    """Apply an operation to two arrays, in place of the first if it has the result's shape."""
     fits = np.broadcast_shapes(values.shape, other.shape) == values.shape
     return np.asarray(operation(values, other, out=values if fits else None))
 
@@ -239,7 +242,7 @@ def total(tables: Sequence[SkyTable]) -> SkyTable:
 
 
 def side_by_side(tables: Sequence[SkyTable]) -> SkyTable:
-    """Sum of components of equally many parts that do not depend on the azimuth, each with its pattern, nothing veiled."""
+    """Sum of components with equally many parts that do not depend on azimuth, each with its pattern and without veils."""
     patterns = [np.ones((1, 1), np.float32) if table.pattern is None else table.pattern for table in tables]
     return SkyTable(
         np.concatenate([table.parts for table in tables]),
@@ -249,7 +252,7 @@ def side_by_side(tables: Sequence[SkyTable]) -> SkyTable:
 
 
 def by_veil(tables: Sequence[SkyTable]) -> list[tuple[Veil, list[SkyTable]]]:
-    """The veils of some tables, and all that is behind each."""
+    """Return the veils of some tables, and everything behind each."""
     groups: dict[Veil, list[SkyTable]] = {}
     for table in tables:
         for veil, behind in table.veiled:
@@ -258,7 +261,7 @@ def by_veil(tables: Sequence[SkyTable]) -> list[tuple[Veil, list[SkyTable]]]:
 
 
 def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
-    """A sky with one term per channel that a camera cannot tell from the sum of some components.
+    """Return a sky with one term per channel that a camera cannot distinguish from the sum of some components.
 
     Parameters
     ----------
@@ -269,8 +272,8 @@ def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
     Returns
     -------
     SkyTable
-        Each map is a channel's signal, each spectrum the smallest that makes a signal of 1 in its channel and of 0 in the
-        others; it may be negative in places.
+        Each map is a channel's signal, and each spectrum is the smallest with a signal of 1 in its channel and of 0 in
+        the others; it may be negative in places.
     """
     if not tables:
         return black_sky()
@@ -287,13 +290,13 @@ def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
 
 
 def with_dip(table: SkyTable, dip: Dip) -> SkyTable:
-    """A table, and what is veiled in it, that continues below the horizontal."""
+    """Return a table, including its veiled light, that continues below the horizontal."""
     veiled = tuple((veil, with_dip(behind, dip)) for veil, behind in table.veiled)
     return dataclasses.replace(table, veiled=veiled, dip=dip)
 
 
 def _low_signals(tables: Sequence[SkyTable], response: Floats) -> LowSky | None:
-    """Signals of the channels below the horizontal; a veil is there as thick as at the horizontal."""
+    """Signals of the channels below the horizontal, where a veil is as thick as at the horizontal."""
     maps, lowest_deg = None, 0.0
     level = unit_vectors(np.zeros(sky_grid().shape[1]), sky_grid().azimuth_deg)
     for table in tables:
@@ -316,10 +319,10 @@ def blas_threads() -> ThreadpoolController:
 
 
 def compressed(table: SkyTable) -> SkyTable:
-    """The same sky with as few terms as keep every spectrum to COMPRESSION_ERROR of the brightest one.
+    """Return the same sky with the fewest terms that keep every spectrum to COMPRESSION_ERROR of the brightest one.
 
-    The spectra, each weighted by its map's largest value, are replaced by their leading singular vectors, the same for the
-    light behind all veils.
+    The spectra, each weighted by its map's largest value, are replaced by their leading singular vectors, which are
+    common to the light behind all veils.
     """
     groups = [table, *(behind for _, behind in table.veiled)]
     maps = [group.maps for group in groups]
@@ -334,7 +337,8 @@ def compressed(table: SkyTable) -> SkyTable:
     for part in maps:
         own = mix[:, start : start + len(part)].astype(np.float32)
         start += len(part)
-        # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
+        # BLAS threads wait for each other in busy loops: on a machine with busy cores, one thread is several times
+        # faster.
         with blas_threads().limit(limits=1, user_api="blas"):
             few.append(SkyTable(np.tensordot(own, part, axes=1), right[:keep]))
     veils = [veil for veil, _ in table.veiled]
@@ -342,9 +346,9 @@ def compressed(table: SkyTable) -> SkyTable:
 
 
 def low_rank(table: Floats, rank: int) -> tuple[Floats, Floats]:
-    """The best sum of `rank` products a(row) x b(column) for a table: a (rank, rows), b (rank, columns).
+    """Return the best sum of `rank` products a(row) x b(column) for a table: a (rank, rows), b (rank, columns).
 
-    By the eigenvectors of the small Gram matrix, which on a busy machine is a thousand times faster than LAPACK's SVD.
+    It uses the eigenvectors of the small Gram matrix, which on a busy machine is a thousand times faster than LAPACK's SVD.
     """
     _, vectors = np.linalg.eigh(table.T @ table)
     right = vectors[:, ::-1][:, :rank].T
@@ -353,19 +357,19 @@ def low_rank(table: Floats, rank: int) -> tuple[Floats, Floats]:
 
 @functools.lru_cache(maxsize=32)
 def extinction_factors(atmosphere: Atmosphere | None, factor: float) -> tuple[Floats, Floats]:
-    """Transmission exp(-factor x depth x airmass) as a sum of products, a(altitude) x b(wavelength).
+    """Return the transmission exp(-factor x depth x airmass) as a sum of products, a(altitude) x b(wavelength).
 
     Returns
     -------
     a : (r, ny) array
-        On the grid's altitudes.
+        Factors at the grid's altitudes.
     b : (r, n) array
-        At GRID_NM. The sum differs from the transmission by less than 1e-4.
+        Factors at GRID_NM. The sum differs from the transmission by less than 1e-4.
     """
     if atmosphere is None:
         return np.ones((1, len(sky_grid().altitude_deg))), np.ones((1, len(GRID_NM)))
     path = airmass(sky_grid().altitude_deg)
-    # What bands absorb no light that is scattered in makes up for.
+    # Absorption in bands is not compensated by light that is scattered in.
     bands = band_depth(GRID_NM, atmosphere, path)
     transmission = np.exp(-factor * path[:, None] * optical_depth(GRID_NM, atmosphere) - bands)
     return low_rank(transmission, EXTINCTION_RANK)
@@ -377,7 +381,7 @@ def above_the_air(
     atmosphere: Atmosphere | None,
     factor: float = DIFFUSE_EXTINCTION_FACTOR,
 ) -> SkyTable:
-    """Light from above the atmosphere as it is seen from the ground.
+    """Return light from above the atmosphere as seen from the ground.
 
     Parameters
     ----------
@@ -385,9 +389,9 @@ def above_the_air(
     spectrum : (n,) array
         Map times spectrum is the radiance above the atmosphere.
     atmosphere : Atmosphere or None
-        None: no extinction.
+        Dimming air; None for no extinction.
     factor : float
-        Effective over true optical depth.
+        Ratio of effective to true optical depth.
     """
     a, b = extinction_factors(atmosphere, factor)
     return SkyTable(a[:, :, None].astype(np.float32), spectrum * b, direction_map.astype(np.float32))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 ALTITUDE_POWER = 1.5
-"""Rows are finer near the horizon: altitude = 90 deg x (row / last row) to this power."""
+"""Exponent of the rows' spacing, finer near the horizon: altitude = 90 deg x (row / last row) to this power."""
 ROWS, COLUMNS = 241, 720
 
 
@@ -22,9 +22,9 @@ class SkyGrid:
     Attributes
     ----------
     altitude_deg : (ny,) array
-        Apparent, 0 to 90.
+        Apparent altitudes, 0 to 90.
     azimuth_deg : (nx,) array
-        From 0 in equal steps; the column after the last is the first.
+        Azimuths from 0 in equal steps; the column after the last is the first.
     """
 
     altitude_deg: Floats
@@ -32,7 +32,7 @@ class SkyGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return len(self.altitude_deg), len(self.azimuth_deg)
 
     @functools.cached_property
@@ -52,13 +52,13 @@ def unit_vectors(altitude_deg: ArrayLike, azimuth_deg: ArrayLike) -> Floats:
 
 @functools.cache
 def sky_grid(rows: int = ROWS, columns: int = COLUMNS) -> SkyGrid:
-    """The grid of the emitter, about half a degree fine."""
+    """Return the grid of the emitter, with a resolution of about half a degree."""
     return SkyGrid(90 * np.linspace(0, 1, rows) ** ALTITUDE_POWER, np.arange(columns) * 360 / columns)
 
 
 @functools.cache
 def irradiance_weights() -> Floats:
-    """Weights of the grid's rows in the mean radiance of the hemisphere as a level surface sees it, (ny,) array."""
+    """Weights of the grid's rows in the hemisphere's mean radiance on a level surface, (ny,) array."""
     altitude = np.radians(sky_grid().altitude_deg)
     weight = np.sin(altitude) * np.cos(altitude) * np.gradient(altitude)
     return np.asarray(weight / weight.sum())
@@ -66,12 +66,12 @@ def irradiance_weights() -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Directions on :func:`sky_grid`'s layout, for bilinear look-ups as the emitter makes them.
+    """Directions on the layout of :func:`sky_grid`, for bilinear look-ups as in the emitter.
 
     Attributes
     ----------
     row, column, next_column : (m,) int arrays
-        The corner before each direction, and the column after it.
+        Indices of the grid corner before each direction, and of the column after it.
     down, right : (m,) arrays
         Weights of the row and of the column after it.
     """
@@ -83,10 +83,10 @@ class Places:
     right: Floats
 
     def of(self, maps: NDArray[np.float32]) -> Floats:
-        """Values of maps (k, ny, nx), or (k, ny, 1) where nothing depends on the azimuth, (k, m) array."""
+        """Values of maps (k, ny, nx), or (k, ny, 1) if nothing depends on the azimuth, (k, m) array."""
         count, _, nx = maps.shape
         left, right = (self.column, self.next_column) if nx > 1 else (0, 0)
-        # Numbers are taken several times as fast by one index as by two.
+        # Indexing with one index is several times faster than with two.
         flat = np.ascontiguousarray(maps).reshape(count, -1)
         upper, lower = (
             flat.take(row * nx + left, axis=1) * (1 - self.right) + flat.take(row * nx + right, axis=1) * self.right
@@ -96,7 +96,7 @@ class Places:
 
 
 def places(altitude_deg: ArrayLike, azimuth_deg: ArrayLike) -> Places:
-    """Directions (m,) on the grid of the emitter; altitudes below 0 take the horizon's value."""
+    """Locate directions (m,) on the grid of the emitter; altitudes below 0 take the horizon's value."""
     ny, nx = sky_grid().shape
     row = (np.clip(np.asarray(altitude_deg, float), 0, 90) / 90) ** (1 / ALTITUDE_POWER) * (ny - 1)
     column = (np.asarray(azimuth_deg, float) % 360) / 360 * nx

@@ -25,47 +25,48 @@ Floats = NDArray[np.float64]
 
 PANORAMA_PATH = Path(__file__).parents[1] / "data" / "milky_way" / "milkyway.png"
 S10_MAG_ARCSEC2 = 27.7815
-"""One star of V 10 per square degree, V mag/arcsec^2."""
+"""Surface brightness of one star of V 10 per square degree, V mag/arcsec^2."""
 
-# Luminance of the panorama (linear sRGB) to S10(V): medians of an all-sky star map in bins of luminance; below 0.002, where
-# the panorama fades to black, its median at galactic latitude 30 (44 S10). Stars brighter than about V 11 are in neither
-# (docs/physics.md).
+# Conversion of the panorama's luminance (linear sRGB) to S10(V): medians of an all-sky star map in bins of luminance;
+# below 0.002, where the panorama fades to black, its median at galactic latitude 30 (44 S10). Stars brighter than about V
+# 11 are in neither (docs/physics.md).
 _LUMINANCE = [0.0, 0.0007, 0.0015, 0.0035, 0.0075, 0.015, 0.03, 0.06, 0.115, 0.22, 1.0]
 _S10_V = [20.0, 42.0, 52.0, 73.0, 106.0, 137.0, 173.0, 220.0, 278.0, 378.0, 800.0]
 _LATITUDE_DEG = [25.0, 30.0, 45.0, 60.0, 75.0, 90.0]
 _LEAST_S10_V = [20.0, 30.0, 29.0, 23.0, 20.0, 20.0]
-"""Where the panorama is black: the same star map's medians by distance from the galactic equator, mean of both sides. At 30
-deg, where it is black on the fainter longitudes only, what a tenth of them fall below: 0.65 of the median, as at 0 and 5."""
+"""S10(V) where the panorama is black: the same star map's medians by distance from the galactic equator, mean of both sides.
+At 30 deg, where it is black only on the fainter longitudes, the tenth percentile is used: 0.65 of the median, as at 0 and
+5."""
 GALACTIC_POLE: Floats = np.array([-0.8676661490, -0.1980763734, 0.4559837762])
 """ICRS unit vector of the north galactic pole. Source: ESA 1997, SP-1200, volume 1, eq. 1.5.11."""
 GALACTIC_CENTRE: Floats = np.array([-0.0548755604, -0.8734370902, -0.4838350155])
-"""ICRS unit vector of galactic longitude and latitude 0. Source: the same, eq. 1.5.11."""
+"""ICRS unit vector of galactic longitude and latitude 0. Source: ESA 1997, SP-1200, volume 1, eq. 1.5.11."""
 BV_MAG, VI_MAG = 0.75, 1.02
 """Colours of integrated starlight away from the galactic centre. Source: B-V of Mattila 1980, A&AS 39, 53 (Pioneer 10 and
 galactic models: 0.7 to 0.8); V-I of the sum of the catalogue's stars from V 7 to 8.5 at galactic latitudes beyond 50 deg,
 whose B-V is 0.73. A single star of that B-V has 0.84: the red giants of a mixture shine in the infrared."""
 CENTRE_BV_MAG, CENTRE_VI_MAG = 1.10, 1.40
-"""The same towards the galactic centre. Source: Elsasser & Haug 1960, Z. Astrophys. 50, 121: colour indices along the
-galactic equator from 0.4 to 1.1 mag, redder towards the centre, 1.15 where it is brightest; V-I as of that mixture reddened
-to this B-V (E(V-I) = 1.25 E(B-V), Cardelli et al. 1989). Its share falls as the sixth power of the cosine of the angle to the
-centre, to a half at 27 deg: an assumption."""
+"""Colours towards the galactic centre. Source: Elsasser & Haug 1960, Z. Astrophys. 50, 121: colour indices along the galactic
+equator from 0.4 to 1.1 mag, redder towards the centre, 1.15 where it is brightest; V-I is that of the mixture above, reddened
+to this B-V (E(V-I) = 1.25 E(B-V), Cardelli et al. 1989). As an assumption, the fraction of this light falls with the sixth
+power of the cosine of the angle to the centre, to a half at 27 deg."""
 
 FAINT_LIMIT_V_MAG = 11.0
-"""The calibration's medians over a degree leave out stars brighter than about this."""
+"""Stars brighter than about this are left out of the calibration's medians over a degree."""
 DETAIL, DETAIL_DEG = 1.5, 3.0
-"""Contrast of the map within this standard deviation beside stars drawn one by one to V 11.5, which take the place of light
-that follows the map. It brings the cloud in Sagittarius to 748 S10 (750: Elsasser & Haug 1960; 656 without). Structure of 0.7
-to 4 deg within 10 deg of the equator in photographs of an all-sky camera is 1.4 to 1.75 times the map's from Cygnus to the
-Eagle, 0.9 to 1.25 times in Auriga and Perseus (docs/realism.md)."""
+"""Factor on the contrast of the map within this standard deviation, used together with individually drawn stars to V 11.5,
+which replace light that follows the map. It brings the cloud in Sagittarius to 748 S10 (750: Elsasser & Haug 1960; 656
+without). Structure of 0.7 to 4 deg within 10 deg of the equator in photographs of an all-sky camera is 1.4 to 1.75 times the
+map's from Cygnus to the Eagle, 0.9 to 1.25 times in Auriga and Perseus (docs/realism.md)."""
 LEAST_OF_MEAN = 0.3
-"""No place is darkened below this part of its surroundings' light."""
+"""Least light of a place relative to its surroundings after the contrast is raised."""
 CATALOGUE_COUNTS = ((8.5, 77_673), (9.0, 126_000), (10.0, 360_000), (10.5, 565_000), (11.0, 880_000))
 """Stars over the whole sky brighter than V. Sources: Tycho-2 (Hog et al. 2000) as V; log N grows by 0.43 per magnitude."""
 
 
 @functools.cache
 def panorama_luminance() -> Floats:
-    """Linear luminance of the panorama, (1024, 2048) array; rows from the north celestial pole, columns see below."""
+    """Linear luminance of the panorama, (1024, 2048) array; rows from the north celestial pole, columns: `_looked_up`."""
     try:
         with Image.open(PANORAMA_PATH) as image:
             srgb = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
@@ -93,7 +94,7 @@ def _calibrated() -> NDArray[np.float32]:
 
 @functools.cache
 def detailed_map() -> NDArray[np.float32]:
-    """:func:`s10_map` with more contrast (DETAIL), of the same mean over the sphere."""
+    """:func:`s10_map` with more contrast (DETAIL) and the same mean over the sphere."""
     return np.asarray(kept("milky-way-detail", (), lambda: {"s10": _detailed(s10_map())})["s10"], dtype=np.float32)
 
 
@@ -102,7 +103,7 @@ def _detailed(table: NDArray[np.float32]) -> NDArray[np.float32]:
 
     ny, nx = table.shape
     sigma, polar = math.radians(DETAIL_DEG), (np.arange(ny) + 0.5) * np.pi / ny
-    # Along a row, a Gaussian on the circle is a product of its waves, whatever its width.
+    # Along a row, a convolution with a Gaussian on the circle is a product in Fourier space, whatever its width.
     waves = np.arange(nx // 2 + 1) * sigma / np.sin(polar)[:, None]
     around = np.fft.irfft(np.fft.rfft(table, axis=1) * np.exp(-0.5 * waves**2), nx, axis=1)
     smooth = gaussian_filter1d(around, sigma * ny / np.pi, axis=0, mode="nearest")
@@ -117,7 +118,7 @@ def _mean_over_sphere(table: NDArray[np.floating]) -> float:
 
 @functools.cache
 def _wrapped_map(deep: bool) -> NDArray[np.float32]:
-    """The map half a turn on, with its last column before the first and its first after the last."""
+    """Return the map rotated by half a turn, with its last column before the first and its first after the last."""
     table = detailed_map() if deep else s10_map()
     turned = np.roll(table, table.shape[1] // 2, axis=1)
     return np.concatenate([turned[:, -1:], turned, turned[:, :1]], axis=1)
@@ -140,7 +141,7 @@ def _looked_up(deep: bool, x: Any, y: Any, z: Any) -> Any:
 
     table = _wrapped_map(deep)
     ny, nx = table.shape[0], table.shape[1] - 2
-    # Half a turn on, no column is negative.
+    # After half a turn, no column is negative.
     column = dr.atan2(x, y) * (nx / (2 * np.pi)) + (nx + 1) / 2
     row = dr.clip(dr.acos(dr.clip(z, -1, 1)) * (ny / np.pi) - 0.5, 0, ny - 1.001)
     r0, c0 = dr.floor(row), dr.floor(column)
@@ -177,10 +178,10 @@ def points_s10(v_mag: Floats) -> float:
 
 
 def gap_factor(catalogue_v_mag: Floats) -> float:
-    """Factor on the map such that stars between the catalogue and the map are counted exactly once.
+    """Factor on the map that counts stars between the catalogue and the map exactly once.
 
-    The map holds stars fainter than V 11; the catalogue holds some of those from 8.5 to 11. The light of the rest, by
-    published counts, is spread like the map's.
+    The map contains stars fainter than V 11; the catalogue contains some of those from 8.5 to 11. The light of the rest,
+    from published counts, is distributed like the map's.
 
     Parameters
     ----------
@@ -192,16 +193,17 @@ def gap_factor(catalogue_v_mag: Floats) -> float:
 
 
 def deep_factor(catalogue_v_mag: Floats, limit_v_mag: float) -> float:
-    """Factor on the map beside a catalogue that is complete to V 11 and beyond, of which stars to a limit are drawn.
+    """Factor on the map for a catalogue that is complete to V 11 and beyond, of which stars to a limit are drawn.
 
-    What is drawn beyond V 11 is taken off the map; what is not drawn, from V 8.5 to 11, is spread like it.
+    The light of drawn stars beyond V 11 is subtracted from the map; that of undrawn stars from V 8.5 to 11 is distributed
+    like the map.
 
     Parameters
     ----------
     catalogue_v_mag : (n,) array
         V of the whole catalogue.
     limit_v_mag : float
-        Of the faintest star drawn.
+        V of the faintest drawn star.
     """
     faint = catalogue_v_mag[catalogue_v_mag > CATALOGUE_COUNTS[0][0]]
     left_to_the_map = points_s10(faint[faint <= FAINT_LIMIT_V_MAG]) - points_s10(faint[faint <= limit_v_mag])
@@ -223,7 +225,7 @@ def _grid_directions() -> tuple[Any, Any, Any]:
 
 
 def _patterns(icrs_from_enu: Floats, factor: float, deep: bool) -> NDArray[np.float32]:
-    """S10(V) over the grid, and the part of it with the galactic centre's colours, (2, ny, nx) array."""
+    """S10(V) over the grid, and the part with the galactic centre's colours, (2, ny, nx) array."""
     mi = mitsuba_runtime.start()
     import drjit as dr
 
@@ -250,7 +252,7 @@ def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | Non
         :func:`gap_factor` or :func:`deep_factor` of the catalogue in use.
     atmosphere : Atmosphere or None
     deep : bool
-        Whether of :func:`detailed_map`.
+        Whether to use :func:`detailed_map`.
     """
     away, centre = (
         star_spectra([S10_MAG_ARCSEC2] * 2, [BV_MAG, CENTRE_BV_MAG], [VI_MAG, CENTRE_VI_MAG]) * ARCSEC2_PER_SR

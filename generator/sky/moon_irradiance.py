@@ -1,8 +1,8 @@
-"""The Moon as a lamp: its irradiance by wavelength and phase, with the opposition surge.
+"""The Moon as a light source: its irradiance by wavelength and phase, with the opposition surge.
 
-Source: Kieffer & Stone 2005, AJ 129, 2887, eq. 10 and table 4: disk reflectance fitted to a thousand nights of the Robotic
-Lunar Observatory in 25 bands, for phase angles from 1.55 to 97 deg. Left out: libration and the Sun's selenographic longitude
-(together up to 7 %), and what the distance from the Sun changes over the year (3 %).
+Source: Kieffer & Stone 2005, AJ 129, 2887, eq. 10 and table 4: disk reflectance fitted to a thousand nights of the
+Robotic Lunar Observatory in 25 bands, for phase angles from 1.55 to 97 deg. Libration and the Sun's selenographic
+longitude (together up to 7 %) and the variation of the distance from the Sun over the year (3 %) are left out.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 
 MEAN_DISTANCE_KM = 384_400.0
 SOLID_ANGLE_SR = 6.4177e-5
-"""Of the Moon at that distance (the source's)."""
+"""Solid angle of the Moon at that distance (the source's value)."""
 SUN_V_MAG = -26.76
-"""Source: Torres 2010, AJ 140, 1158."""
+"""V of the Sun. Source: Torres 2010, AJ 140, 1158."""
 EARTH_ALBEDO, EARTH_RADIUS_KM = 0.297, 6378.0
 LEAST_PHASE_DEG, LARGEST_PHASE_DEG = 1.55, 97.0
-"""Where the source is valid: a Moon closer to opposition takes the first; beyond the second the law of Krisciunas & Schaefer
-1991 (:func:`moon_v_mag`) takes over."""
+"""Range of phase angles for which the source is valid. A Moon closer to opposition takes the first; beyond the second, the
+law of Krisciunas & Schaefer 1991 (:func:`moon_v_mag`) is used."""
 _P1_DEG, _P2_DEG, _P3_DEG, _P4_DEG = 4.06054, 12.8802, -30.5858, 16.7498
 # Wavelength, nm; a0 to a3 (powers of the phase angle, rad); d1, d2 (exponentials), d3 (cosine).
 _BANDS: Floats = np.array([
@@ -57,14 +57,14 @@ _BANDS: Floats = np.array([
     [1059.5, -1.59323, -1.71358, 0.50599, -0.25178, 0.48160, -0.29486, 0.00116],
 ])  # fmt: skip
 SMOOTH_DEGREE = 3
-"""Of the polynomial through the logarithms of the 25 bands, which scatter by some percent from instrument to instrument; the
-reflectance of lunar rock is smooth."""
+"""Degree of the polynomial through the logarithms of the 25 bands. The bands scatter by some percent between instruments,
+whereas the reflectance of lunar rock is smooth."""
 
 
 def disk_reflectance(phase_angle_deg: float) -> Floats:
     """Equivalent reflectance of the Moon's disk at GRID_NM, (n,) array.
 
-    It is 1 for a white disk that scatters by Lambert's law and faces both Sun and observer.
+    It is 1 for a white Lambertian disk that faces both Sun and observer.
     """
     g_deg = float(np.clip(abs(phase_angle_deg), LEAST_PHASE_DEG, LARGEST_PHASE_DEG))
     g = np.radians(g_deg)
@@ -100,7 +100,7 @@ def krisciunas_schaefer_v_mag(phase_angle_deg: float) -> float:
 def moon_v_mag(phase_angle_deg: float, distance_km: float = MEAN_DISTANCE_KM) -> float:
     """V of the Moon at a phase angle (0 full, 180 new), above the atmosphere.
 
-    To 97 deg that of :func:`measured_irradiance`; beyond, it falls as :func:`krisciunas_schaefer_v_mag`.
+    Up to 97 deg it is that of :func:`measured_irradiance`; beyond, it falls as :func:`krisciunas_schaefer_v_mag`.
     """
     a = abs(phase_angle_deg)
     light = float(measured_irradiance(a) @ band_weights(BESSELL_V)) / BESSELL_V.zero_point
@@ -117,11 +117,11 @@ def moon_colours(phase_angle_deg: float) -> tuple[float, float]:
 
 
 def earthshine_over_moonlight(phase_angle_deg: float) -> float:
-    """Light of the Moon's disk lit by the Earth over that of its part lit by the Sun, in V.
+    """Light of the Moon's disk lit by the Earth relative to that of its part lit by the Sun, in V.
 
-    The Earth lights the Moon as a sphere that scatters by Lambert's law with the albedo 0.297 (Goode et al. 2001, GRL 28,
-    1671) at the phase angle that completes the Moon's to 180 deg, from 60 Earth radii away; the Moon sends it back to where
-    it came from, as at full Moon. Its colour is taken as the Moon's; measured earthshine is bluer.
+    The Earth lights the Moon as a Lambertian sphere with the albedo 0.297 (Goode et al. 2001, GRL 28, 1671), at the phase
+    angle that completes the Moon's to 180 deg, from a distance of 60 Earth radii. The Moon reflects this light back to
+    the Earth as at full Moon. Its colour is taken as that of the Moon; measured earthshine is bluer.
     """
     a = np.radians(180.0 - abs(phase_angle_deg))
     phase_law = (np.sin(a) + (np.pi - a) * np.cos(a)) / np.pi
@@ -130,6 +130,6 @@ def earthshine_over_moonlight(phase_angle_deg: float) -> float:
 
 
 def moon_spectrum(v_mag: float, phase_angle_deg: float) -> Floats:
-    """Photon irradiance of a Moon of some V, with the colour of its phase, photons s^-1 m^-2 nm^-1 at GRID_NM."""
+    """Photon irradiance of a Moon of given V, with the colour of its phase, photons s^-1 m^-2 nm^-1 at GRID_NM."""
     shape = measured_irradiance(phase_angle_deg)
     return shape * (BESSELL_V.zero_point * 10 ** (-0.4 * v_mag) / float(shape @ band_weights(BESSELL_V)))

@@ -1,4 +1,4 @@
-"""Scattered moonlight: light scattered once by quadrature, more often by the baked map, and the Moon's twilight."""
+"""Scattered moonlight: single scattering by quadrature, multiple scattering from the baked map, and the Moon's twilight."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from generator.sky.zodiacal import column_weights, upsampled_rows
 Floats = NDArray[np.float64]
 
 FULL_MOON_NIGHT_DEG, FULL_MOON_V_MAG, FALL_MAG_PER_DEG = 9.0, -12.7, 0.9
-"""The full Moon this deep adds at most 1 % to the darkest sky, low over it: the Sun's light at this depth over 400,000, which
-falls by so much for each degree there."""
+"""Depression at which the full Moon adds at most 1 % to the darkest sky, low above it; V of the full Moon; and the decrease
+of the light per degree there. The light is that of the Sun at this depression divided by 400,000."""
 TWILIGHT_TO_DEG = 3.0
-"""Apparent altitude of the Moon from which on its light is that of :func:`moonlight` alone."""
+"""Apparent altitude of the Moon from which its light is that of :func:`moonlight` alone."""
 NODES_NM: Floats = np.array([GRID_START_NM, *WAVELENGTHS_NM, GRID_STOP_NM])
 
 
@@ -46,19 +46,19 @@ def moonlight(
     albedo: Albedo = DEFAULT_ALBEDO,
     phase_angle_deg: float = 0.0,
 ) -> SkyTable:
-    """Scattered moonlight of a Moon above the horizontal, at the ground; black for one below, and without air that scatters.
+    """Scattered moonlight at the ground from a Moon above the horizontal; black for one below, or without scattering air.
 
     Parameters
     ----------
     moon_enu : (3,) array
-        Apparent direction.
+        Apparent direction of the Moon.
     v_mag : float
         Above the atmosphere.
     atmosphere : Atmosphere or None
     albedo : float or points
-        Of the ground.
+        Albedo of the ground.
     phase_angle_deg : float
-        It sets the colour of the Moon.
+        Phase angle, which sets the colour of the Moon.
     """
     altitude = float(np.degrees(np.arcsin(moon_enu[2])))
     if atmosphere is None or not atmosphere.scatters or altitude <= 0:
@@ -78,7 +78,7 @@ def moonlight(
     phases = [np.asarray(phase(cosine), np.float32) for phase in (rayleigh_phase, aerosol_phase)]
     once = moon_single_by_layer(air, at_node[0], at_node[1], moon, airmass(grid.altitude_deg))
     parts = [np.broadcast_to(part[:, :, None].astype(np.float32), (*part.shape, len(columns))) for part in once]
-    # Light scattered more often is smooth: few columns make up all.
+    # Multiply scattered light is smooth, so few columns suffice.
     measure = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
     parts.append((upsampled_rows(multiple[baked], rows, grid.shape[0]) * measure[:, :, None]).astype(np.float32))
     phases.append(np.ones_like(cosine))
@@ -89,7 +89,7 @@ def moonlight(
             np.einsum("nrm,rm->nr", part, phase @ across.T) for part, phase in zip(parts, phases, strict=True)
         ) / len(grid.azimuth_deg)
         parts[-1] = parts[-1] + from_ground(around, direct, atmosphere, albedo).astype(np.float32)[:, :, None]
-    # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
+    # Between nodes the light is interpolated over the scattering optical depth, which removes most of the curvature.
     depth = rayleigh + aerosol
     irradiance = moon_spectrum(v_mag, phase_angle_deg)
     irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * moon)
@@ -104,10 +104,11 @@ def night_depression_deg(moon_v_mag: float) -> float:
 
 
 def moonlit_sky(state: SkyState, atmosphere: Atmosphere | None, albedo: Albedo = DEFAULT_ALBEDO) -> SkyTable:
-    """Light of the sky that comes from the Moon, above the horizon or below it.
+    """Light of the sky that originates from the Moon, which may be above or below the horizon.
 
-    Below, it is twilight with the Moon's spectrum: the air above the Earth's shadow is lit as by the Sun. Up to
-    TWILIGHT_TO_DEG above, where neither plane layers nor shells alone are right for all of it, one turns into the other.
+    For a Moon below the horizon it is twilight with the Moon's spectrum: the air above the Earth's shadow is lit as by
+    the Sun. Up to TWILIGHT_TO_DEG above it, where neither plane layers nor shells alone are accurate, the two are
+    blended.
     """
     if (
         atmosphere is None
@@ -131,15 +132,15 @@ def moonlit_sky(state: SkyState, atmosphere: Atmosphere | None, albedo: Albedo =
 
 
 def from_ground(around: Floats, direct: Floats, atmosphere: Atmosphere, albedo: Albedo) -> Floats:
-    """Change of moonlight when the ground's albedo differs from the bake's, by altitude, (nodes, ny) array.
+    """Change of moonlight if the ground's albedo differs from the bake's, by altitude, (nodes, ny) array.
 
-    Light that a Lambert ground reflects has no azimuth, so that it follows from the light on the ground and the glow of the
-    air above a glowing ground (Chandrasekhar 1950, section 72).
+    Light that a Lambertian ground reflects does not depend on azimuth, so it follows from the light on the ground and the
+    glow of the air above a glowing ground (Chandrasekhar 1950, section 72).
 
     Parameters
     ----------
     around : (nodes, ny) array
-        Light of the sky over the bake's ground, mean over azimuth.
+        Light of the sky above the bake's ground, mean over azimuth.
     direct : (nodes,) array
         Light that reaches the ground unscattered, in the maps' units times sr.
     atmosphere : Atmosphere

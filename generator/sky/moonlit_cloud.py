@@ -1,6 +1,6 @@
-"""Moonlight that cloud scatters, by the angle to the Moon.
+"""Moonlight scattered by cloud, as a function of the angle to the Moon.
 
-Independent columns: the light from a direction is that of an endless layer of the depth that the direction meets.
+Columns are independent: the light from a direction is that of an infinite layer with the depth in that direction.
 """
 
 from __future__ import annotations
@@ -21,24 +21,27 @@ from generator.sky.clouds import CloudField
 Floats = NDArray[np.float64]
 
 ANGLE_NODES = 1025
-"""Of the tables by angle, even in the root of the sine of half the angle: 0.02 deg fine near the Moon, 0.2 far from it."""
+"""Number of nodes of the tables by angle, evenly spaced in the root of the sine of half the angle: a resolution of 0.02 deg
+near the Moon, and of 0.2 far from it."""
 DIFFRACTED = 0.5
-"""Part of the optical depth that diffraction makes."""
+"""Fraction of the optical depth that is due to diffraction."""
 DEPTH_NODES, COSINE_NODES, TURN_NODES = 65, 33, 25
-"""Of the table of light scattered more than once: even in t / (1 + t), the cosine (0 to 1) and the azimuth (0 to pi)."""
+"""Numbers of nodes of the table of multiply scattered light: evenly spaced in t / (1 + t), the cosine (0 to 1) and the
+azimuth (0 to pi)."""
 
 
 @dataclass(frozen=True, eq=False)
 class MoonVeil:
-    """Radiance of cloud over the Moon's irradiance above it, sr^-1, by direction.
+    """Radiance of cloud divided by the Moon's irradiance above it, sr^-1, by direction.
 
-    Diffraction, half of the vertical depth, is taken out of the layer (delta scaling, Joseph et al. 1976, J. Atmos. Sci. 33,
-    2452). With t the other half and m0 the cosine of the Moon to the layer's vertical, it is the sum of
+    Diffraction, half of the vertical depth, is removed from the layer (delta scaling, Joseph et al. 1976, J. Atmos. Sci.
+    33, 2452). With t the other half and m0 the cosine of the Moon to the layer's vertical, it is the sum of
 
-    - light scattered once, by the phase function itself (as by Nakajima & Tanaka 1988, J. Quant. Spectrosc. Radiat. Transfer
+    - light scattered once, with the phase function itself (as in Nakajima & Tanaka 1988, J. Quant. Spectrosc. Radiat.
+      Transfer
       40, 51);
-    - light scattered more often (:mod:`generator.sky.cloud_layer`);
-    - diffracted light outside the Moon's image, as an aureole: what has not been scattered otherwise, exp(-t / m0), less the
+    - light scattered more than once (:mod:`generator.sky.cloud_layer`);
+    - diffracted light outside the Moon's image, as an aureole: light not scattered otherwise, exp(-t / m0), minus the
       image's light.
 
     Attributes
@@ -60,7 +63,7 @@ class MoonVeil:
 
     @property
     def broad(self) -> MoonVeil:
-        """The same without its aureole."""
+        """The same veil without the aureole."""
         return dataclasses.replace(self, halo=np.zeros_like(self.halo))
 
     @property
@@ -105,7 +108,7 @@ def angle_nodes() -> Floats:
 
 @functools.lru_cache(maxsize=8)
 def angle_tables(ice: bool, particle_um: float) -> tuple[Floats, Floats]:
-    """Phase function and aureole at :func:`angle_nodes`, each with the integral 1; particles without a size: both alike."""
+    """Phase function and aureole at :func:`angle_nodes`, each with the integral 1; the same for particles without a size."""
     angle = angle_nodes()
     phase = ray_phase(angle, ice)
     phase /= _over_the_sphere(phase, angle)
@@ -122,7 +125,7 @@ def _over_the_sphere(table: Floats, angle: Floats) -> float:
 
 
 def moon_veil(clouds: CloudField, moon_enu: Floats) -> MoonVeil:
-    """The Moon's light scattered by a layer; the Moon is above the horizon."""
+    """Return the veil of moonlight that a layer scatters; the Moon must be above the horizon."""
     phase, halo = angle_tables(clouds.ice, clouds.particle_um)
     share = np.linspace(0, 1, DEPTH_NODES)
     depths = np.minimum(share / np.maximum(1 - share, 1e-9), KEPT_TO)

@@ -1,4 +1,4 @@
-"""Starlight scattered in the air: the glow between the stars to which all stars contribute."""
+"""Starlight scattered in the air: the glow between the stars, to which all stars contribute."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from generator.sky.directions import sky_grid
 from generator.sky.milky_way import BV_MAG, S10_MAG_ARCSEC2, VI_MAG
 
 AEROSOL_FROM_ABOVE = 0.8
-"""Part of the light an aerosol scatters downwards that came from above (Henyey-Greenstein, g = 0.7)."""
+"""Fraction of the light that an aerosol scatters downwards that came from above (Henyey-Greenstein, g = 0.7)."""
 
 RANK = 4
 
@@ -24,17 +24,18 @@ RANK = 4
 def scattered_starlight(sky_mean_s10: float, atmosphere: Atmosphere | None) -> SkyTable:
     """Starlight scattered once out of a hemisphere of even brightness, at the ground.
 
-    The source function is that of a plane-parallel layer lit evenly from above (Chandrasekhar 1950, section 7): half of
-    what molecules and four fifths of what aerosol scatters towards the ground came from above. It makes about 10 S10 at
-    the zenith, against the 15 S10 with higher orders and reflection from the ground of Roach & Gordon 1973, "The Light of
-    the Night Sky"; the part that replaces direct diffuse light is in the diffuse extinction factor.
+    The source function is that of a plane-parallel layer lit evenly from above (Chandrasekhar 1950, section 7): of the
+    light scattered towards the ground, half came from above for molecules and four fifths for aerosol. It amounts to
+    about 10 S10 at the zenith, compared with 15 S10 including higher orders and reflection from the ground in Roach &
+    Gordon 1973, "The Light of the Night Sky". The part that replaces direct diffuse light is in the diffuse extinction
+    factor.
 
     Parameters
     ----------
     sky_mean_s10 : float
         Mean S10(V) of all stars, points included, over the sky.
     atmosphere : Atmosphere or None
-        None: black.
+        Scattering air; None gives a black sky.
     """
     if atmosphere is None:
         return black_sky()

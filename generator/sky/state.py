@@ -1,4 +1,4 @@
-"""Directions of Sun and Moon, rotation of the celestial sphere, and cloud at the middle of a frame's exposure."""
+"""Directions of Sun and Moon, rotation of the celestial sphere, and cloud at mid-exposure of a frame."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class SkyState:
     icrs_from_enu : (3, 3) array
     sun_icrs : (3,) array
     sun_enu, moon_enu : (3,) arrays
-        Apparent.
+        Apparent directions.
     sun_depression_deg, moon_depression_deg : float
-        Of their true places below the horizontal, without refraction.
+        Depression of their true places below the horizontal, without refraction.
     sun : Body
     moon : Body
     moon_v_mag : float
-        Above the atmosphere.
+        V of the Moon above the atmosphere.
     clouds : CloudField or None
-        Above the camera.
+        Cloud above the camera.
     height_m : float
-        Of the site.
+        Height of the site.
     """
 
     icrs_from_enu: Floats
@@ -75,18 +75,18 @@ class SkyState:
 
 @dataclass(frozen=True)
 class UnderClouds:
-    """Where the camera is below the cloud.
+    """Place of the camera below the cloud.
 
     Attributes
     ----------
     wind_days : float
-        How long the wind has carried the cloud, days.
+        Time during which the wind has carried the cloud, days.
     moved_km : (east, north)
-        How far the camera has moved.
+        Displacement of the camera.
     night : int
-        Modified Julian day on which the wind started: cloud of a kind is another one each day.
+        Modified Julian day on which the wind started; cloud of a kind differs from day to day.
     camera_km : float
-        Height of the camera over the ground.
+        Height of the camera above the ground.
     """
 
     wind_days: float
@@ -96,19 +96,19 @@ class UnderClouds:
 
     @classmethod
     def since_midnight(cls, instant: Instant) -> UnderClouds:
-        """The wind has blown since midnight."""
+        """Return the place for wind that has blown since midnight."""
         return cls(instant.mjd % 1.0, night=int(instant.mjd // 1))
 
 
 @dataclass(frozen=True)
 class ThroughClouds:
-    """How a camera looks through the cloud.
+    """How a camera sees through the cloud.
 
     Attributes
     ----------
     shutter_s : float
     capture_rad : float
-        Angle around a star within which its image is.
+        Angular radius of a star's image.
     """
 
     shutter_s: float
@@ -125,7 +125,7 @@ def sky_state(
     under: UnderClouds | None = None,
     shutter: ThroughClouds | None = None,
 ) -> SkyState:
-    """State of the sky at an instant; `under`: in a sequence, for others the wind blows since midnight."""
+    """State of the sky at an instant; `under` is for sequences, otherwise the wind blows since midnight."""
     sun, moon = (observe(body, site, instant, orientation) for body in (SUN, MOON))
     true_sun, true_moon = (apparent_enu(body, site, instant, orientation, NO_AIR) for body in (sun, moon))
     return SkyState(
@@ -160,7 +160,7 @@ def _pattern(spec: CloudSpec, seed: int, night: int) -> CloudPattern:
 
 
 def mean_depth(spec: CloudSpec, seed: int, night: int) -> float:
-    """Mean optical depth of a layer with clear parts: given, or that of its kind on one night (stream ``cloud depth``)."""
+    """Mean optical depth of a layer with its clear parts: given, or drawn for kind and night (stream ``cloud depth``)."""
     if spec.mean_optical_depth is not None:
         return spec.mean_optical_depth
     if spec.optical_depth is not None:
@@ -172,10 +172,10 @@ def mean_depth(spec: CloudSpec, seed: int, night: int) -> float:
 def drifted_clouds(
     spec: CloudSpec, under: UnderClouds, seed: int, through: ThroughClouds | None = None
 ) -> CloudField | None:
-    """The scenario's cloud where the wind has carried it; None for a camera at the layer's height or above.
+    """Return the scenario's cloud, displaced by the wind; None for a camera at the layer's height or above.
 
-    All frames of a scenario share one field (stream ``clouds``, of another draw ``clouds N``); cloud of a kind is another one
-    each day of UTC.
+    All frames of a scenario share one field (stream ``clouds``, or ``clouds N`` for another draw); cloud of a kind
+    differs for each day of UTC.
     """
     altitude_km = spec.altitude_km - under.camera_km
     if altitude_km <= 0:
@@ -193,6 +193,6 @@ def drifted_clouds(
     if through is None:
         return field
     east, north = (spec.wind_m_s * through.shutter_s / 1000 * towards).tolist()
-    # Where aureoles are drawn, images keep what is not diffracted at all.
+    # If aureoles are drawn, images keep only light that is not diffracted at all.
     share = 1.0 if spec.star_aureoles else point_share(particle_um, through.capture_rad)
     return dataclasses.replace(field, swept_km=(east, north), point_share=share)

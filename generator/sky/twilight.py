@@ -1,4 +1,4 @@
-"""Twilight: sunlight scattered by the air above the Earth's shadow, as a field of radiance by direction and wavelength."""
+"""Twilight: sunlight scattered by the air above the Earth's shadow, as radiance by direction and wavelength."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ from generator.twilight.twilight_single import TwilightDepths, twilight_single
 Floats = NDArray[np.float64]
 
 SUN_V_MAG = -26.76
-"""At 1 au. Source: Willmer 2018, ApJS 236, 47."""
+"""V of the Sun at 1 au. Source: Willmer 2018, ApJS 236, 47."""
 MAP_END_DEG = 18.0
-"""Depression to which the light is computed; astronomical twilight ends there, which is dark at the zenith alone."""
+"""Depression up to which the light is computed; astronomical twilight ends there, but only the zenith is dark then."""
 NIGHT_DEPRESSION_DEG = 22.0
-"""The Sun this deep adds at most 1 % to the darkest sky, low over it."""
+"""Depression at which the Sun adds at most 1 % to the darkest sky, low above it."""
 GROUND_ALBEDO = BakedAir().ground_albedo
 RANK = 10
 _NODES_NM = (350, 375, 400, 425, 450, 480, 510, 540, 570, 600, 630, 660, 700, 750, 800, 900, 1000, 1100)
 _AZIMUTHS_DEG: Floats = np.array([0, 2, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
 _ROWS = np.array([0, 2, 4, 7, 10, 14, 19, 25, 32, 40, 50, 60, 80, 100, 120, 140, 160, 180, 200, 220, 230, 240])
-"""Of the sky's grid, closer where the light is steeper: near the horizon."""
+"""Rows of the sky's grid at which light is computed, closer where it is steeper: near the horizon."""
 
 
 @functools.cache
 def nodes_nm() -> Floats:
-    """Wavelengths of the radiative transfer, within the grid's."""
+    """Wavelengths of the radiative transfer, within the grid's range."""
     first, last = GRID_NM[0], GRID_NM[-1]
     return np.array([first, *(node for node in _NODES_NM if first < node < last), last])
 
 
 def twilight_depths(wavelength_nm: Floats, atmosphere: Atmosphere, height_km: float) -> TwilightDepths:
-    """Optical depths of a scenario's air, whose pressure at the observer fixes its density at all heights."""
+    """Optical depths of a scenario's air, whose density at all heights follows from the pressure at the observer."""
     sea_level_hpa = STANDARD_PRESSURE_HPA * atmosphere.pressure_hpa / float(standard_pressure_hpa(1000 * height_km))
     layer = TwilightGrid().stratosphere_tau(wavelength_nm)
     aerosol = aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
@@ -73,24 +73,25 @@ def twilight_field(
     relative_azimuth_deg: Floats,
     ground_albedo: ArrayLike = GROUND_ALBEDO,
 ) -> Floats:
-    """Radiance by twilight per unit solar irradiance above the air, sr^-1.
+    """Radiance of twilight per unit solar irradiance above the air, sr^-1.
 
     Sunlight scattered once is integrated along each line of sight through spherical shells, with the Sun's rays bent and
-    spread by refraction; light scattered more often is the baked map of random walks through the same shells. Both are
-    computed at some wavelengths; in between, the light that has lost none to ozone is interpolated in its logarithm, and
-    ozone applied along the light's mean path.
+    spread by refraction; multiply scattered light is taken from the baked map of random walks through the same shells.
+    Both are computed at some wavelengths. In between, the logarithm of the light without ozone is interpolated, and
+    absorption by ozone is applied along the light's mean path.
 
     Parameters
     ----------
     depression_deg : float
-        Of the Sun's true place, from 0. Beyond 18 the light of each direction falls on as it does from 17 to 18.
+        Depression of the Sun's true place, from 0. Beyond 18, the light in each direction decreases at the same rate as
+        from 17 to 18.
     atmosphere : Atmosphere
     height_km : float
-        Of the observer above sea level.
+        Height of the observer above sea level.
     altitude_deg, relative_azimuth_deg : (m,), (k,) arrays
-        Of the lines of sight, from the horizontal up; azimuths from the Sun's, 0 to 180.
+        Directions of the lines of sight, from the horizontal up; azimuths are relative to the Sun's, 0 to 180.
     ground_albedo : float or (n,) array
-        At :func:`nodes_nm`.
+        Albedo of the ground at :func:`nodes_nm`.
 
     Returns
     -------
@@ -130,7 +131,7 @@ def _interpolation(nodes: Floats) -> Floats:
 
 @functools.cache
 def _azimuth_spline() -> CubicSpline:
-    """Cubics through the values at _AZIMUTHS_DEG, level on both sides of the Sun: weights of the nodes by azimuth."""
+    """Weights of the nodes by azimuth: cubics through the values at _AZIMUTHS_DEG, with zero slope on both sides."""
     return CubicSpline(_AZIMUTHS_DEG, np.eye(len(_AZIMUTHS_DEG)), bc_type="clamped")
 
 
@@ -143,22 +144,22 @@ def twilight(
     ground_albedo: ArrayLike = GROUND_ALBEDO,
     horizon_deg: float = 0.0,
 ) -> SkyTable:
-    """Twilight at the observer; black without air that scatters, and with the Sun NIGHT_DEPRESSION_DEG or more down.
+    """Twilight at the observer; black without scattering air, and if the Sun is NIGHT_DEPRESSION_DEG or more down.
 
     Parameters
     ----------
     sun_enu : (3,) array
-        Apparent direction.
+        Apparent direction of the body.
     depression_deg : float
-        Of the Sun's true place, without refraction.
+        Depression of the Sun's true place, without refraction.
     atmosphere : Atmosphere or None
     height_m : float
-        Of the observer.
+        Height of the observer.
     sun_distance_au : float
     ground_albedo : float or (n,) array
-        At :func:`nodes_nm`.
+        Albedo of the ground at :func:`nodes_nm`.
     horizon_deg : float
-        Apparent altitude of the horizon, which dips below an observer in the air.
+        Apparent altitude of the horizon, which is negative for an observer in the air.
 
     Raises
     ------
@@ -191,23 +192,23 @@ def light_from_below(
     Parameters
     ----------
     body_enu : (3,) array
-        Apparent direction.
+        Apparent direction of the body.
     depression_deg : float
-        Of its true place, without refraction.
+        Depression of its true place, without refraction.
     irradiance : (n,) array
-        Above the air, photons s^-1 m^-2 nm^-1 at GRID_NM.
+        Irradiance above the air, photons s^-1 m^-2 nm^-1 at GRID_NM.
     atmosphere : Atmosphere
     height_m : float
-        Of the observer.
+        Height of the observer.
     ground_albedo : float or (n,) array
-        At :func:`nodes_nm`.
+        Albedo of the ground at :func:`nodes_nm`.
     """
     grid = sky_grid()
     rows = _ROWS
     light = twilight_field(
         max(depression_deg, 0.0), atmosphere, height_m / 1000, grid.altitude_deg[rows], _AZIMUTHS_DEG, ground_albedo
     )
-    # Overhead all azimuths are one direction.
+    # At the zenith, all azimuths are the same direction.
     light[-1] = np.exp(np.log(light[-1]).mean(axis=0))
     maps, spectra = low_rank(light.reshape(-1, len(GRID_NM)), RANK)
     azimuth = float(np.degrees(np.arctan2(body_enu[0], body_enu[1])))

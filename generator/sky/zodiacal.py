@@ -17,8 +17,8 @@ from generator.sky.sunlight import solar_shape
 Floats = NDArray[np.float64]
 
 # Brightness at 500 nm, 1e-8 W m^-2 sr^-1 um^-1, by |ecliptic longitude - Sun's| (rows) and |ecliptic latitude| (columns).
-# Source: Levasseur-Regourd & Dumont 1980 as given by Leinert et al. 1998, A&AS 127, 1, table 17. Where the table is empty
-# (closer to the Sun than 15 deg) the nearest value towards the pole stands; the pole itself is 77.
+# Source: Levasseur-Regourd & Dumont 1980 as given by Leinert et al. 1998, A&AS 127, 1, table 17. Empty entries of the
+# table (closer to the Sun than 15 deg) are filled with the nearest value towards the pole; the pole itself is 77.
 _LATITUDE_DEG = [0, 5, 10, 15, 20, 25, 30, 45, 60, 75, 90]
 _LONGITUDE_DEG = [0, 15, 20, 25, 30, 35, 40, 45, 60, 75, 90, 105, 120, 135, 150, 165, 180]
 _BRIGHTNESS = [
@@ -47,7 +47,7 @@ OBLIQUITY_DEG = 23.43928
 
 @functools.cache
 def _interpolator() -> RegularGridInterpolator:
-    # Linear in the logarithm: the table falls by a third from step to step near the Sun.
+    # Interpolated linearly in the logarithm, because the table falls by a third from step to step near the Sun.
     table = np.log(np.array(_BRIGHTNESS, float))
     return RegularGridInterpolator((np.array(_LONGITUDE_DEG, float), np.array(_LATITUDE_DEG, float)), table)
 
@@ -62,7 +62,7 @@ def brightness(longitude_from_sun_deg: ArrayLike, latitude_deg: ArrayLike) -> Fl
 def spectrum() -> Floats:
     """Photon spectrum per unit of :func:`brightness`, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM.
 
-    Sunlight, redder by 1 + 0.9 log10(l/500 nm) below and 1 + 0.6 log10(l/500 nm) above 500 nm (elongation 90 deg).
+    Sunlight, reddened by 1 + 0.9 log10(l/500 nm) below and 1 + 0.6 log10(l/500 nm) above 500 nm (elongation 90 deg).
     Source: Leinert et al. 1998, eq. 22.
     """
     reddening = 1 + np.where(GRID_NM < 500, 0.9, 0.6) * np.log10(GRID_NM / 500)
@@ -77,9 +77,9 @@ def ecliptic_from_icrs() -> Floats:
 
 @functools.cache
 def _coarse_directions() -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Every third of the grid's rows and columns, and their unit vectors, (3, directions) array.
+    """Every third row and column of the grid, and their unit vectors, (3, directions) array.
 
-    The table is smooth: linear in between is as good as all.
+    The table is smooth, so linear interpolation in between is as good as evaluating all.
     """
     grid = sky_grid()
     rows = np.unique(np.append(np.arange(0, grid.shape[0], 3), grid.shape[0] - 1))

@@ -1,1 +1,1 @@
-"""``skybench speed``: how long a frame takes, stage by stage, beside a floor that is measured in the same run."""
+"""``skybench speed``: the time of a frame, stage by stage, compared with a floor that is measured in the same run."""

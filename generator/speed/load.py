@@ -1,4 +1,4 @@
-"""The clock of the measurements, and what else the machine does meanwhile."""
+"""The clock of the measurements, and the load of the machine by other processes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True)
 class Load:
-    """How busy a machine was during a measurement.
+    """Load of a machine during a measurement.
 
     Attributes
     ----------
     cores : int
-        That this process may use.
+        Number of cores that this process may use.
     before, after : float
-        Processes that ran or waited for a core, means over a minute (the system's load average), the measured ones included;
-        NaN where the system does not say.
+        Processes that ran or waited for a core, means over a minute (the system's load average), including the measured
+        ones; NaN if the system does not state it.
     core_share : float
-        Processor time of this process over the time by the clock, while it measured by itself: less than 1 where others
-        took its core.
+        Processor time of this process relative to wall-clock time while it measured by itself; less than 1 if other
+        processes took its core.
     """
 
     cores: int
@@ -36,7 +36,7 @@ class Load:
 
 
 def load_average() -> float:
-    """Processes that run or wait for a core, mean over the last minute; NaN where the system does not say."""
+    """Processes that run or wait for a core, mean over the last minute; NaN if the system does not state it."""
     try:
         return os.getloadavg()[0]
     except (AttributeError, OSError):
@@ -44,18 +44,18 @@ def load_average() -> float:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def best_clock() -> Clock:
-    """Processor time of this process, which other processes hardly change; by the clock where a GPU computes."""
+    """Processor time of this process, which other processes hardly affect; wall-clock time if a GPU computes."""
     return time.perf_counter if mitsuba_runtime.choose_variant() == mitsuba_runtime.CUDA_VARIANT else time.process_time
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Dr.Jit computes on one thread within the block, as in a worker process."""
+    """Make Dr.Jit compute on one thread within the block, as in a worker process."""
     mitsuba_runtime.start()
     import drjit
 

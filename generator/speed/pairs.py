@@ -29,7 +29,7 @@ class PairedTimes:
 
     @property
     def ratio(self) -> float:
-        """Median over pairs of full over plain."""
+        """Median over pairs of the ratio of full to plain."""
         return statistics.median(full / plain for full, plain in zip(self.full_s, self.plain_s, strict=True))
 
 
@@ -39,7 +39,7 @@ def make_frame(scenario: Scenario, index: int) -> None:
 
 
 def time_pairs(plain: Callable[[int], None], full: Callable[[int], None], pairs: int) -> PairedTimes:
-    """Time two ways of making frame k in turns, each first in every other pair.
+    """Time two kinds of frame k alternately, each first in every other pair.
 
     Frames are numbered from 0; those of the warm-up come first.
     """
@@ -55,7 +55,7 @@ def time_pairs(plain: Callable[[int], None], full: Callable[[int], None], pairs:
 
 
 def time_skies(pairs: int, size: FrameSize | None = None) -> PairedTimes:
-    """The full sky with Moon against airglow and city light alone."""
+    """Time the full sky with Moon against airglow and city light alone."""
     frame = size or FrameSize()
 
     def maker(sky: str) -> Callable[[int], None]:
@@ -65,14 +65,14 @@ def time_skies(pairs: int, size: FrameSize | None = None) -> PairedTimes:
 
 
 def time_cameras(pairs: int, size: FrameSize | None = None) -> PairedTimes:
-    """All of the camera's effects against a plain camera, frames of a data set."""
+    """Time all of the camera's effects against a plain camera, for frames of a data set."""
     frame = size or FrameSize()
     plain, full = (data_set(frame, WARM_UP + pairs, full_camera) for full_camera in (False, True))
     return time_pairs(lambda number: make_frame(plain, number), lambda number: make_frame(full, number), pairs)
 
 
 def time_everything(pairs: int, size: FrameSize | None = None) -> PairedTimes:
-    """Frames with everything at once against those of the plain data set."""
+    """Time frames with everything at once against those of the plain data set."""
     frame = size or FrameSize()
     plain, full = data_set(frame, WARM_UP + pairs), everything(frame, WARM_UP + pairs)
     return time_pairs(lambda number: make_frame(plain, number), lambda number: make_frame(full, number), pairs)

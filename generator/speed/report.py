@@ -19,7 +19,7 @@ from generator.speed.throughput import frames_per_second
 
 FORMAT = "skybench-speed/1"
 LIMITED = ("floor", "sky", "camera", "everything")
-"""Names of the ratios that can be held against a limit."""
+"""Names of the ratios that can be compared with a limit."""
 PART_OF = "of which"
 """Prefix of stages that are parts of the preceding stage."""
 
@@ -33,17 +33,17 @@ class SpeedReport:
     device : str
         Device on which Dr.Jit computes.
     variant : str
-        Mitsuba's.
+        Variant of Mitsuba.
     size : FrameSize
     codec : str
     stages_s, floor_s : dict of float
         Median seconds by stage, one frame at a time in one process.
     frames_per_s : dict of float
-        By number of worker processes.
+        Frames per second by number of worker processes.
     sky, camera, everything : PairedTimes
-        Full against plain.
+        Times of full against plain frames.
     load : Load
-        Of the machine meanwhile.
+        Load of the machine meanwhile.
     """
 
     device: str
@@ -65,12 +65,12 @@ class SpeedReport:
 
     @property
     def over_floor(self) -> float:
-        """A frame's time over the floor's."""
+        """A frame's time relative to the floor's."""
         return self.frame_s / sum(self.floor_s.values())
 
     @property
     def scaling(self) -> float:
-        """Frames per second with the most processes over those with one."""
+        """Frames per second with the most processes relative to those with one."""
         return self.frames_per_s[max(self.frames_per_s)] / self.frames_per_s[1]
 
     @property
@@ -113,14 +113,14 @@ def measure(
     Parameters
     ----------
     frames : int
-        To time for the stages, and per worker process.
+        Number of frames to time for the stages, and per worker process.
     pairs : int
-        Of frames, for each of the three ratios.
+        Number of pairs of frames for each of the three ratios.
     workers : tuple of int
         Numbers of processes; 1 is the base of the scaling.
     size : FrameSize, optional
     codec : str
-        Of the images: ``png`` or ``jxl``.
+        Codec of the images: ``png`` or ``jxl``.
     progress : callable
         Called with the name of the next measurement.
     """

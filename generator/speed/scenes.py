@@ -69,7 +69,7 @@ WHOLE_CATALOGUE_MAG = 15.0
 
 @dataclass(frozen=True)
 class FrameSize:
-    """How large the timed frames are, and how faint their stars."""
+    """Size of the timed frames, and limiting magnitude of their stars."""
 
     width: int = 1080
     height: int = 720
@@ -103,8 +103,8 @@ def data_set(size: FrameSize, frames: int, full_camera: bool = False) -> Scenari
 def everything(size: FrameSize, frames: int) -> Scenario:
     """A set of frames with everything at once, at random times, places and azimuths.
 
-    Cloud of another day in each frame, a skyline with lamps up to the frame's middle, the full camera of :func:`data_set`,
-    every effect of the sensor, motion during the exposure, and stray light, which is on in all sets.
+    They have the cloud of a different day in each frame, a skyline with lamps up to the frame's centre, the full camera
+    of :func:`data_set`, every effect of the sensor, motion during the exposure, and stray light, which is on in all sets.
     """
     return parse_scenario(
         _EVERYTHING.format(
@@ -117,5 +117,5 @@ def everything(size: FrameSize, frames: int) -> Scenario:
 
 
 def moonlit(size: FrameSize, sky: str, minute: int) -> Scenario:
-    """A frame under a high Moon, at another minute each time so that nothing of the sky is remembered."""
+    """A frame under a high Moon, at a different minute each time so that nothing of the sky is cached."""
     return parse_scenario(_MOONLIT.format(minute=minute % 60, camera="{" + size.camera + "}", sky=sky), "speed")

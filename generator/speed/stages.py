@@ -1,4 +1,4 @@
-"""Seconds of each stage of a frame, and of the floor: drawing the noise and compressing the image alone."""
+"""Seconds of each stage of a frame, and of the floor, which is only drawing the noise and compressing the image."""
 
 from __future__ import annotations
 

@@ -20,9 +20,9 @@ START_TIMEOUT_S = 600.0
 
 
 def frames_per_second(workers: int, frames: int, size: FrameSize, codec: str) -> float:
-    """Frames per second of `workers` processes that each write a shard of `frames` frames, truth and all.
+    """Frames per second of `workers` processes that each write a shard of `frames` frames, including truth.
 
-    Every process makes a few frames first; then all start together, and the time of the slowest is taken.
+    Every process first renders a few frames; then all start together, and the time of the slowest counts.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def frames_per_second(workers: int, frames: int, size: FrameSize, codec: str) ->
 def _work(
     number: int, workers: int, frames: int, size: FrameSize, codec: str, folder: str, gate: Any, answers: Any
 ) -> None:
-    """Warm up, wait for the other processes, make a shard, and return when it started and ended."""
+    """Warm up, wait for the other processes, render a shard, and return its start and end times."""
     prepare_worker()
     scenario = data_set(size, WARM_UP + workers * frames)
     spec, target = DatasetSpec(codec=codec), LocalTarget(Path(folder) / str(number))

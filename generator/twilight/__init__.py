@@ -1,1 +1,1 @@
-"""Twilight in spherical shells: profiles of the air, the Sun's beam, light scattered once and more often."""
+"""Twilight in spherical shells: profiles of the air, the Sun's beam, single and multiple scattering."""

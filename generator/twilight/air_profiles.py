@@ -1,4 +1,4 @@
-"""Heights of air, haze, ozone and stratospheric aerosol over a spherical Earth, whose curvature decides the path of light."""
+"""Profiles of air, haze, ozone and stratospheric aerosol over a spherical Earth, whose curvature affects light paths."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _TROPOPAUSE_KM = 10.5
 
 
 def air_density(height_km: ArrayLike) -> Floats:
-    """Density of the standard atmosphere over that at sea level; isothermal above 84.9 km.
+    """Density of the standard atmosphere relative to that at sea level; isothermal above 84.9 km.
 
     Source: U.S. Standard Atmosphere 1976, eqs. 18, 33.
     """
@@ -59,7 +59,7 @@ def air_density(height_km: ArrayLike) -> Floats:
 
 
 def _pressure_ratio(layer: NDArray[np.intp], geopotential_km: Floats) -> Floats:
-    """Pressure over that at the base of the layer."""
+    """Pressure relative to that at the base of the layer."""
     base, lapse = _BASE_K[layer], _LAPSE_K_KM[layer]
     above = geopotential_km - _BASE_KM[layer]
     steady = lapse == 0
@@ -71,13 +71,13 @@ def _pressure_ratio(layer: NDArray[np.intp], geopotential_km: Floats) -> Floats:
 def column_densities(floor_km: float) -> Floats:
     """Densities of air, haze, ozone and the stratosphere's aerosol at HEIGHTS_KM, per km, (4, n) array.
 
-    All but haze have a vertical column of 1 above sea level. Haze has one of 1 above `floor_km`, decreases with the
-    scale height of the bake above it, and is even below: a mountain's haze is measured above the mountain.
+    All but haze have a vertical column of 1 above sea level. Haze has a column of 1 above `floor_km`, decreases above it
+    with the scale height of the bake, and is constant below, because a mountain's haze is measured above the mountain.
     """
     aerosol_height = BakedAir().aerosol_height_km
     air = air_density(HEIGHTS_KM)
     ozone = np.exp(np.interp(HEIGHTS_KM, _OZONE_KM, np.log(_OZONE)))
-    # Above the table the density falls as it does at its end.
+    # Above the table the density decreases as at its end.
     ozone = ozone * np.exp(-np.maximum(HEIGHTS_KM - _OZONE_KM[-1], 0) / 4.0)
     aerosol = np.exp(-np.maximum(HEIGHTS_KM - floor_km, 0) / aerosol_height) / aerosol_height
     stratosphere = np.exp(np.interp(HEIGHTS_KM, _STRATOSPHERE_KM, np.log(_STRATOSPHERE)))

@@ -1,9 +1,9 @@
-"""Sunlight within the air of a spherical Earth: what it has crossed, and how refraction spreads it.
+"""Sunlight in the air of a spherical Earth: the columns that it has crossed, and its spreading by refraction.
 
-By Bouguer's law a ray keeps n r sin(angle from the vertical). Rays of all such invariants are followed from outside through
-shells; at each height they tell which columns the light has crossed by the Sun's true zenith distance there, and how the
-irradiance across the ray changes: by the square of n times d cos(apparent) / d cos(true zenith distance).
-Source: Rozenberg 1966, "Twilight", chapter 2; Smart 1977, "Spherical Astronomy", section 36.
+By Bouguer's law a ray conserves n r sin(angle from the vertical). Rays of all such invariants are followed from outside
+through shells. At each height they give the columns that the light has crossed as a function of the Sun's true zenith
+distance there, and the change of the irradiance across the ray: the square of n times d cos(apparent) / d cos(true zenith
+distance). Source: Rozenberg 1966, "Twilight", chapter 2; Smart 1977, "Spherical Astronomy", section 36.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM
 Floats = NDArray[np.float64]
 
 SEA_LEVEL_REFRACTIVITY = 2.78e-4
-"""Of the standard atmosphere at 550 nm. Source: Ciddor 1996, Appl. Opt. 35, 1566."""
+"""Refractivity of the standard atmosphere at 550 nm. Source: Ciddor 1996, Appl. Opt. 35, 1566."""
 LEAST_DEG, MOST_DEG, STEP_DEG = 80.0, 103.0, 0.05
 ZENITH_DISTANCES_DEG: Floats = np.arange(LEAST_DEG, MOST_DEG + STEP_DEG / 2, STEP_DEG)
-"""Sun's true zenith distances at the place that is lit; smaller ones take the columns of the first."""
+"""Sun's true zenith distances at the lit place; smaller ones use the columns of the first."""
 OPAQUE = 1e4
-"""Column in the Earth's shadow."""
+"""Value of the column in the Earth's shadow."""
 GAUSS_POINTS = 6
-# Rays that end on the ground would touch spheres of less than the Earth's radius: by how much less, km.
+# Invariants of rays that end on the ground, as the lowest height, km, which is below the Earth's surface.
 _SUNK_KM = np.concatenate([-np.geomspace(120.0, 0.02, 60)])
 
 
 @dataclass(frozen=True)
 class SolarBeam:
-    """Sunlight by height and the Sun's true zenith distance there, on HEIGHTS_KM x ZENITH_DISTANCES_DEG.
+    """Sunlight as a function of height and the Sun's true zenith distance there, on HEIGHTS_KM x ZENITH_DISTANCES_DEG.
 
     Attributes
     ----------
     columns : (h, z, 4) array
-        Of air, haze, ozone and stratospheric aerosol that the light has crossed, over their vertical columns; OPAQUE in the
-        Earth's shadow.
+        Columns of air, haze, ozone and stratospheric aerosol that the light has crossed, relative to their vertical
+        columns; OPAQUE in the Earth's shadow.
     log_focus : (h, z) array
-        Logarithm of the irradiance across the ray over that above the air, by refraction alone.
+        Logarithm of the irradiance across the ray relative to that above the air, due to refraction alone.
     """
 
     columns: Floats
@@ -59,9 +59,9 @@ def solar_beam(floor_km: float, refractivity: float = SEA_LEVEL_REFRACTIVITY) ->
     Parameters
     ----------
     floor_km : float
-        Below it the aerosol is even (see :func:`generator.twilight.air_profiles.column_densities`).
+        Height below which the aerosol is constant (see :func:`generator.twilight.air_profiles.column_densities`).
     refractivity : float
-        n - 1 at sea level; it goes as the density of the air.
+        n - 1 at sea level; it is proportional to the density of the air.
     """
     density = column_densities(floor_km)
     lowest = np.concatenate([_SUNK_KM, HEIGHTS_KM[:-1]])
@@ -103,7 +103,8 @@ def _along_rays(lowest: Floats, invariant: Floats, density: Floats, refractivity
     columns : (rays, parts, h) array
     """
     node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    # In the root of the height above the lowest place the integrands are smooth where the ray is horizontal.
+    # As functions of the root of the height above the lowest place, the integrands are smooth where the ray is
+    # horizontal.
     root = np.sqrt(np.maximum(HEIGHTS_KM - lowest[:, None], 0))
     middle, half = (root[:, 1:] + root[:, :-1]) / 2, np.diff(root) / 2
     y = middle[:, :, None] + half[:, :, None] * node

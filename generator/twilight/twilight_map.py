@@ -1,4 +1,4 @@
-"""The baked map of twilight scattered more than once: exponentials of polynomials, evaluated between the bake's airs."""
+"""The baked map of multiply scattered twilight: exponentials of polynomials, evaluated between the bake's airs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 TWILIGHT_FILE: Path = FOLDER / "twilight.npz"
 TOTAL_DEGREE, GROUND_DEGREE = 9, 2
-"""Largest sums of degrees, of the light and of its part that has met the ground."""
+"""Largest sums of degrees, for the light and for its part that the ground has reflected."""
 OVERHEAD_DEG = 20.0
 """Angle from the zenith within which differences between azimuths fade."""
 _AROUND_DEG: Floats = np.arange(15.0, 180.0, 30.0)
@@ -48,8 +48,8 @@ def polynomial_axes(grid: TwilightGrid) -> tuple[Axis, ...]:
 def twilight_map(part: str = "coefficients") -> Floats:
     """The map; (observer, aerosol, 4, ...) coefficients.
 
-    The four are the light at the three depths of ozone and, at the second, its part that has met the ground. The parts
-    'walked' and 'walked_error' are the random walks' means and relative errors, 'relative_error' that of the fit.
+    The four are the light at the three depths of ozone and, at the second, its part that the ground has reflected. The
+    parts 'walked' and 'walked_error' are the random walks' means and relative errors, 'relative_error' that of the fit.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def twilight_multiple(
 ) -> ScatteredSunlight:
     """Sunlight scattered more than once, or by the ground.
 
-    Beyond the map's range the nearest value holds (observer above 12 km, aerosol above 0.3, wavelengths beyond 345 to
+    Beyond the map's range the nearest value is used (observer above 12 km, aerosol above 0.3, wavelengths beyond 345 to
     1,100 nm); thinner aerosol is extrapolated.
 
     Parameters
@@ -94,7 +94,8 @@ def twilight_multiple(
         0 to 18.
     altitude_deg, relative_azimuth_deg : (views,), (azimuths,) arrays
     ground_albedo : (w,) array
-        The ground's part of the light goes as the albedo, that of several reflections too.
+        Albedo of the ground. The ground's part of the light is taken as proportional to it, including that of several
+        reflections.
 
     Returns
     -------
@@ -109,10 +110,10 @@ def twilight_multiple(
     height = lagrange(np.array(grid.observer_km), min(max(observer_km, 0.0), grid.observer_km[-1]))
     haze = lagrange(np.sqrt(grid.aerosol_tau), np.sqrt(np.minimum(depths.aerosol, grid.aerosol_tau[-1])))
     at_height = np.tensordot(height, _coefficients(), axes=1)
-    # (aerosol, kind, rayleigh, altitude, azimuth), then the aerosol of each wavelength.
+    # Axes (aerosol, kind, rayleigh, altitude, azimuth), then the aerosol of each wavelength.
     tables = np.stack([np.stack([evaluated(kind, bases)[:, :, 0] for kind in each]) for each in at_height])
     logs = np.einsum("aw,akwvz->kwvz", haze, tables)
-    # Overhead all azimuths are one direction, which the fit does not know.
+    # At the zenith all azimuths are the same direction, which the fit does not know.
     mean = logs[..., len(relative_azimuth_deg) :].mean(axis=-1, keepdims=True)
     apart = np.minimum((90 - altitude_deg) / OVERHEAD_DEG, 1)[:, None]
     apart = apart * (2 - apart)

@@ -21,23 +21,22 @@ Floats = NDArray[np.float64]
 
 STEPS = 144
 MOST_COLUMN = 300.0
-"""Columns of air beyond those that light crosses over the ground are of places in the Earth's shadow."""
+"""Limit of the column of air; larger ones than light can cross above the ground belong to places in the Earth's shadow."""
 
 
 @dataclass(frozen=True)
 class TwilightDepths:
-    """Vertical optical depths that decide the light of some wavelengths, (w,) arrays.
+    """Vertical optical depths that determine the light at some wavelengths, (w,) arrays.
 
     Attributes
     ----------
     rayleigh : array
-        From sea level, of air that weighs as much at the observer as the real air does.
+        Depth above sea level of air that has the pressure of the real air at the observer.
     aerosol : array
-        Above the observer.
-        Without the stratosphere's.
+        Depth above the observer, without the stratosphere's.
     ozone : array
     stratosphere : array or float
-        Of the stratosphere's aerosol.
+        Depth of the stratosphere's aerosol.
     """
 
     rayleigh: Floats
@@ -53,9 +52,9 @@ class ScatteredSunlight:
     Attributes
     ----------
     radiance : (w, views, azimuths) array
-        sr^-1.
+        Radiance, sr^-1.
     ozone_path : (w, views, azimuths) array
-        Mean over the light of the ozone that it has crossed, over the vertical column.
+        Mean column of ozone that the light has crossed, relative to the vertical column.
     """
 
     radiance: Floats
@@ -102,19 +101,19 @@ def twilight_single(
     beam : SolarBeam
     depths : TwilightDepths
     observer_km : float
-        Above sea level.
+        Height above sea level.
     depression_deg : float
-        Of the Sun's true place.
+        Depression of the Sun's true place.
     altitude_deg, relative_azimuth_deg : (views,), (azimuths,) arrays
-        Of the lines of sight, at or above the horizontal; azimuths from the Sun's.
+        Directions of the lines of sight, at or above the horizontal; azimuths are relative to the Sun's.
     floor_km : float
-        Below it the aerosol is even; the same as the beam's.
+        Height below which the aerosol is constant; the same as the beam's.
     air : BakedAir
-        For the aerosol's albedo.
+        Air with the aerosol's albedo.
     """
     sine = np.sin(np.radians(altitude_deg))[:, None]
     start = EARTH_RADIUS_KM + observer_km
-    # Even steps in the root of the height: short near the observer, where the air is dense.
+    # Steps are even in the root of the height: short near the observer, where the air is dense.
     edge = observer_km + np.linspace(0, np.sqrt(TOP_KM - observer_km), STEPS + 1) ** 2
     middle = (edge[1:] + edge[:-1]) / 2
     along_edge, along = (_distance(start, sine, height) for height in (edge, middle))
@@ -132,7 +131,7 @@ def twilight_single(
     zenith_distance = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     height = np.broadcast_to(middle, zenith_distance.shape)
     crossed = looked_up(beam.logs, height, zenith_distance)
-    # Only what the Sun lights is worth an exponential.
+    # Exponentials are computed only for places that the Sun lights.
     lit = crossed[..., 0] < np.log(MOST_COLUMN)
     view, _, point = np.nonzero(lit)
     crossed = crossed[lit]

@@ -1,1 +1,1 @@
-"""Satellites, aircraft, meteors and false stars: where they are during the exposure, when they shine, and how bright."""
+"""Satellites, aircraft, meteors and false stars: positions during the exposure, and when and how brightly they shine."""

@@ -1,4 +1,4 @@
-"""The flying objects of a frame: each has a time of its own within the shutter's, over which its places and light are cut."""
+"""The flying objects of a frame. Each has its own time span within the shutter's, over which places and light are sampled."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
 KEYFRAMES = 65
-"""Directions of each object over its own time; in between they are linear."""
+"""Number of directions of each object over its own time span; in between they are interpolated linearly."""
 FEWEST_PARTS = 64
-"""Of a light curve."""
+"""Fewest parts of a light curve."""
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,15 @@ class FlyingObjects:
     Attributes
     ----------
     number : (n,) int array
-        Place in the scenario.
+        Index in the scenario.
     kind : tuple of str
     v_mag, bv_mag : (n,) arrays
     lit : (n, 2) array
-        The object's own time, from and to, in shares (0-1) of the shutter's time: outside of it there is no light.
+        Start and end of the object's own time span, as fractions (0-1) of the shutter's; outside it there is no light.
     directions : (n, k, 3) array
-        Apparent unit vectors (ENU), evenly spaced over its own time.
+        Apparent unit vectors (ENU), evenly spaced over its own time span.
     parts : (n,) int array
-        Equal parts of its own time in its light curve.
+        Number of equal parts into which its light curve divides the time span.
     light_curve : (sum of parts,) array
         Relative brightness in each part, object by object.
     """
@@ -50,27 +50,27 @@ class FlyingObjects:
 
     @property
     def first_part(self) -> Whole:
-        """Where the light curve of each object begins, (n,) array."""
+        """Index of the first part of each object's light curve, (n,) array."""
         return np.asarray(np.cumsum(self.parts) - self.parts, dtype=np.intp)
 
     @property
     def dark_ends(self) -> NDArray[np.bool_]:
-        """Whether no light is in the first and in the last part of each object's time, (n, 2) array."""
+        """Whether each object is dark in the first and in the last part of its time span, (n, 2) array."""
         ends = np.stack([self.first_part, np.cumsum(self.parts) - 1], axis=1)
         return np.asarray(self.light_curve[ends] == 0, dtype=np.bool_)
 
     @property
     def shining(self) -> NDArray[np.bool_]:
-        """Which objects give light, (n,) array."""
+        """Which objects emit any light, (n,) array."""
         return np.bincount(self._owner, self.light_curve, len(self)) > 0
 
     @property
     def _owner(self) -> Whole:
-        """The object of each part."""
+        """Index of the object to which each part belongs."""
         return np.repeat(np.arange(len(self)), self.parts)
 
     def chosen(self, wanted: NDArray[np.bool_]) -> FlyingObjects:
-        """Those of a mask (n,)."""
+        """Return the objects that a mask (n,) selects."""
         return FlyingObjects(
             self.number[wanted],
             tuple(kind for kind, one in zip(self.kind, wanted, strict=True) if one),
@@ -83,7 +83,7 @@ class FlyingObjects:
         )
 
     def within(self, start: float, stop: float) -> FlyingObjects:
-        """The same over a part of the exposure, share `start` to `stop`; dark where it holds none of their time."""
+        """Return the objects over a part of the exposure, from fraction `start` to `stop`; dark if they do not shine then."""
         begin, end = np.maximum(self.lit[:, 0], start), np.minimum(self.lit[:, 1], stop)
         dark = end <= begin
         length = self.lit[:, 1] - self.lit[:, 0]
@@ -100,7 +100,7 @@ class FlyingObjects:
         )
 
     def _curve_within(self, own: Floats, dark: NDArray[np.bool_]) -> tuple[Whole, Floats]:
-        """Light curves over parts of the objects' times, from and to shares (n, 2) of these, no finer than they are."""
+        """Return light curves over parts of the time spans, from and to fractions (n, 2), no finer than the whole curves."""
         asked = np.ceil(self.parts * (own[:, 1] - own[:, 0]) - 1e-9)
         parts = np.minimum(self.parts, np.maximum(asked, FEWEST_PARTS)).astype(np.intp)
         place = self.first_part[:, None] + own * self.parts[:, None]
@@ -117,7 +117,7 @@ class FlyingObjects:
 
 
 def _places_within(values: Floats, own: Floats) -> Floats:
-    """Samples (n, k, 3), linear in between over each object's time, as k samples over a part (n, 2) of it."""
+    """Resample places (n, k, 3), linear in between over each object's time span, as k samples over a part (n, 2) of it."""
     last = values.shape[1] - 1
     place = np.linspace(own[:, 0], own[:, 1], last + 1, axis=1) * last
     before = np.minimum(np.floor(place).astype(np.intp), last - 1)
@@ -127,20 +127,20 @@ def _places_within(values: Floats, own: Floats) -> Floats:
 
 
 def steady(count: int) -> tuple[Floats, Whole, Floats]:
-    """`lit`, `parts` and `light_curve` of objects that shine evenly over the whole exposure."""
+    """Return `lit`, `parts` and `light_curve` for objects that shine steadily over the whole exposure."""
     parts = np.full(count, FEWEST_PARTS, dtype=np.intp)
     return np.tile([0.0, 1.0], (count, 1)), parts, np.ones(count * FEWEST_PARTS)
 
 
 def none() -> FlyingObjects:
-    """No objects."""
+    """Return an empty set of objects."""
     lit, parts, curve = steady(0)
     nothing = np.zeros(0)
     return FlyingObjects(np.zeros(0, np.int32), (), nothing, nothing, lit, np.zeros((0, KEYFRAMES, 3)), parts, curve)
 
 
 def joined(groups: list[FlyingObjects]) -> FlyingObjects:
-    """Objects of several groups, in their order."""
+    """Concatenate groups of objects."""
     return FlyingObjects(
         np.concatenate([group.number for group in groups]),
         tuple(kind for group in groups for kind in group.kind),

@@ -1,8 +1,8 @@
-"""Satellites on orbits: two-line element sets and shells, each for as long as it is seen during the exposure.
+"""Satellites on orbits: two-line element sets and shells, each for as long as it is visible during the exposure.
 
-A two-line element set is propagated with SGP4 (Vallado et al. 2006, AIAA 2006-6753; the `sgp4` package) to its true-equator
-frame, turned to the Earth by GMST 1982, and refracted. The scenario sets a satellite's brightness; the Earth's shadow counts
-for shells alone.
+A two-line element set is propagated with SGP4 (Vallado et al. 2006, AIAA 2006-6753; the `sgp4` package) to its
+true-equator frame, rotated to the Earth by GMST 1982, and refracted. The scenario sets a satellite's brightness; the
+Earth's shadow is taken into account for shells only.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ Bools = NDArray[np.bool_]
 SECONDS_PER_DAY = 86400.0
 VISUAL_NM = 550.0
 HALVINGS = 24
-"""Of the time between two keyframes, to find when a satellite comes into sight: to 1e-9 of the exposure."""
+"""Number of halvings of the time between two keyframes when searching for the moment at which a satellite comes into sight:
+accurate to 1e-9 of the exposure."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """An exposure as it counts for satellites.
+    """Properties of an exposure that matter for satellites.
 
     Attributes
     ----------
@@ -45,11 +46,11 @@ class Watch:
     site : Site
     orientation : EarthOrientation
     air : Air
-        That refracts.
+        Refracting air.
     horizon_sine : float
         Sine of the horizon's apparent altitude.
     seed : int
-        Of the scenario.
+        Seed of the scenario.
     sun_icrs : (3,) array
     dims : Atmosphere or None
         Air that dims the light of shells.
@@ -67,12 +68,12 @@ class Watch:
 
 
 def tle_object(satellite: TleSpec, number: int, of_all: int, watch: Watch) -> FlyingObjects:
-    """Satellite `number` of the element sets, the object `of_all` of the foreground.
+    """Return satellite `number` of the element sets, which is object `of_all` of the foreground.
 
     Raises
     ------
     ScenarioError
-        An element set that SGP4 cannot propagate.
+        SGP4 cannot propagate the element set.
     """
     try:
         orbit = Satrec.twoline2rv(satellite.line1, satellite.line2)
@@ -80,7 +81,7 @@ def tle_object(satellite: TleSpec, number: int, of_all: int, watch: Watch) -> Fl
         raise ScenarioError(f"foreground.satellites.{number}: not a two-line element set ({error})") from error
 
     def directions(time_s: Floats) -> Floats:
-        """(1, k, 3) at times (1, k)."""
+        """Return directions (1, k, 3) at times (1, k)."""
         day = time_s[0] / SECONDS_PER_DAY
         codes, position_km, _ = orbit.sgp4_array(np.full(len(day), watch.start.utc1), watch.start.utc2 + day)
         if codes.any() or not np.isfinite(position_km).all():
@@ -107,13 +108,13 @@ def tle_object(satellite: TleSpec, number: int, of_all: int, watch: Watch) -> Fl
 
 
 def shell_objects(spec: ShellSpec, number: int, first: int, watch: Watch) -> FlyingObjects:
-    """The satellites of shell `number` that are in sunlight above the horizon; its nodes by the stream ``shells``."""
+    """Return the satellites of shell `number` that are sunlit and above the horizon; stream ``shells`` draws the nodes."""
     node, argument = random_stream(watch.seed, "shells", number).uniform(0, 360, 2)
     shell = Shell(spec.altitude_km, spec.inclination_deg, spec.planes, spec.per_plane, float(node), float(argument))
     epoch_s = ((watch.start.utc1 - erfa.DJ00) + watch.start.utc2) * SECONDS_PER_DAY
 
     def at(time_s: Floats, rows: NDArray[np.intp] | None = None) -> tuple[Floats, Floats, Bools]:
-        """Directions (m, k, 3), distances (m, k) and what is seen of satellites at times (k,) or (m, k)."""
+        """Return directions (m, k, 3), distances (m, k) and visibility of satellites at times (k,) or (m, k)."""
         position_km = shell.positions_km(epoch_s + time_s, rows)
         away = _from_site(position_km, time_s / SECONDS_PER_DAY, watch)
         apparent = _refracted(away.reshape(-1, 3), watch).reshape(away.shape)
@@ -129,7 +130,7 @@ def shell_objects(spec: ShellSpec, number: int, first: int, watch: Watch) -> Fly
     if len(some):
         own_s = np.linspace(span[some, 0], span[some, 1], KEYFRAMES, axis=1)
         directions[some], distance_km[some], bright[some] = at(own_s, rows[some])
-        # Both ends are the lit ones of what was halved.
+        # At both ends, keep the visible bound of the bisection.
         bright[:, [0, -1]] = True
     middle = KEYFRAMES // 2
     v_mag = spec.v_mag_1000_km + 5 * np.log10(distance_km[:, middle] / 1000)
@@ -150,15 +151,15 @@ def shell_objects(spec: ShellSpec, number: int, first: int, watch: Watch) -> Fly
 
 
 def spans_s(seen: Bools, time_s: Floats, seen_at: Callable[[NDArray[np.intp], Floats], Bools]) -> Floats:
-    """First and last time at which each of n satellites is seen, s, (n, 2) array.
+    """First and last time at which each of n satellites is visible, s, (n, 2) array.
 
     Parameters
     ----------
     seen : (n, k) bool array
-        Whether it is at times (k,), at one of them at least.
+        Whether each is visible at times (k,); each is at one of them at least.
     time_s : (k,) array
     seen_at : callable
-        Tells the same of satellites (m,) at times (m, 1) of their own, as (m, 1).
+        Returns the visibility of satellites (m,) at an individual time for each, (m, 1), as (m, 1).
     """
     last = seen.shape[1] - 1
     ends = np.stack([seen.argmax(axis=1), last - seen[:, ::-1].argmax(axis=1)], axis=1)
@@ -177,7 +178,7 @@ def spans_s(seen: Bools, time_s: Floats, seen_at: Callable[[NDArray[np.intp], Fl
 
 
 def _from_site(position_km: Floats, day: Floats, watch: Watch) -> Floats:
-    """East, north, up, km, of places (..., k, 3) in the true-equator frame at k times, days from the start."""
+    """Convert places (..., k, 3) in the true-equator frame at k times, days from the start, to east, north, up, km."""
     site = watch.site
     sidereal = erfa.gmst82(watch.start.utc1, watch.start.utc2 + day + watch.orientation.ut1_utc_s / SECONDS_PER_DAY)
     east, north = np.cos(sidereal), np.sin(sidereal)
@@ -193,7 +194,7 @@ def _from_site(position_km: Floats, day: Floats, watch: Watch) -> Floats:
 
 
 def _refracted(enu: Floats, watch: Watch) -> Floats:
-    """Apparent unit vectors (m, 3) of directions."""
+    """Return apparent unit vectors (m, 3) for directions, by refraction."""
     azimuth = np.arctan2(enu[:, 0], enu[:, 1])
     altitude_deg = np.degrees(np.arctan2(enu[:, 2], np.hypot(enu[:, 0], enu[:, 1])))
     lift = lift_deg(altitude_deg, watch.site, watch.air)

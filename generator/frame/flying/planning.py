@@ -15,12 +15,12 @@ Floats = NDArray[np.float64]
 
 
 def plan_objects(spec: ForegroundSpec, watch: Watch) -> FlyingObjects:
-    """Objects of a frame: trails, satellites by their elements, trains and shells.
+    """Plan the objects of a frame: trails, satellites from element sets, trains and shells.
 
     Raises
     ------
     ScenarioError
-        An element set that SGP4 cannot propagate, or flashes too short for the time over which they go on.
+        SGP4 cannot propagate an element set, or flashes are too short for the time over which they go on.
     """
     groups = trail_objects(spec.trails, watch.shutter_s, watch.horizon_sine)
     for number, satellite in enumerate(spec.satellites):
@@ -38,7 +38,7 @@ def plan_objects(spec: ForegroundSpec, watch: Watch) -> FlyingObjects:
 def plan_glints(
     spec: GlintsSpec, camera: CameraSpec, R_cam: Floats, others: FlyingObjects, rng: np.random.Generator
 ) -> FlyingObjects:
-    """False stars, uniform over the image's pixels; of a lens with decentring some stand a little outside of it.
+    """Plan false stars, uniform over the image's pixels; for a lens with decentring, some are slightly outside the image.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def plan_glints(
     R_cam : (3, 3) array
         East-north-up to camera.
     others : FlyingObjects
-        Of the frame; numbers follow on theirs.
+        Objects of the frame; the numbers of the false stars continue theirs.
     rng : Generator
     """
     lens, count = camera.projection, spec.count

@@ -16,28 +16,28 @@ Floats = NDArray[np.float64]
 
 PARTS_PER_FLASH = 8
 MOST_PARTS = 1 << 17
-"""Of a light curve: flashes of 0.05 s over 13 minutes. Bounds time and memory of a frame."""
+"""Largest number of parts of a light curve: enough for flashes of 0.05 s over 13 minutes. Limits time and memory."""
 NO_WAY_RAD = 1e-12
-"""Length of a way below which a light stands still."""
+"""Length of a path below which a light counts as standing still."""
 NO_TURN = 1e-9
-"""Part of a strobe's period below which a time is the start of a flash, to the rounding of times."""
+"""Fraction of a strobe's period below which a time counts as the start of a flash, to allow for rounded times."""
 TURN_RAD = 2 * math.pi
 
 
 @dataclass(frozen=True)
 class GreatCircle:
-    """A way over the sky: along `first` at the angle 0, and from there towards `across`.
+    """A path on the sky along a great circle: it is at `first` at the angle 0 and proceeds towards `across`.
 
     Attributes
     ----------
     first, across : (3,) arrays
         Unit vectors (ENU), at right angles.
     rate_rad_s : float
-        0: the light stands still.
+        Angular rate; 0 if the light stands still.
     start_s : float
-        When it is at `first`, from the start of the exposure.
+        Time at which the light is at `first`, from the start of the exposure.
     middle_rad : float
-        Half of the way that the scenario gives.
+        Half the angle of the path in the scenario.
     """
 
     first: Floats
@@ -48,7 +48,7 @@ class GreatCircle:
 
     @classmethod
     def between(cls, start: DirectionSpec, end: DirectionSpec, start_s: float, end_s: float) -> GreatCircle:
-        """The way from one direction to another in a time."""
+        """Return the path from one direction to another within a time span."""
         first, last = _unit(start), _unit(end)
         across = last - (last @ first) * first
         length = float(np.linalg.norm(across))
@@ -63,7 +63,7 @@ class GreatCircle:
         return np.asarray(np.cos(angle) * self.first + np.sin(angle) * self.across)
 
     def above_s(self, horizon_sine: float) -> tuple[float, float]:
-        """When the light is above a horizon, once around its way's middle; empty where it never is."""
+        """Return the time span in which the light is above a horizon, once around its path's middle; empty if it never is."""
         if self.rate_rad_s == 0:
             return (-math.inf, math.inf) if self.first[2] >= horizon_sine else (0.0, 0.0)
         highest = math.hypot(self.first[2], self.across[2])
@@ -76,12 +76,12 @@ class GreatCircle:
 
 
 def trail_objects(trails: tuple[TrailSpec, ...], shutter_s: float, horizon_sine: float) -> list[FlyingObjects]:
-    """Each trail of a foreground as one object.
+    """Return each trail of a foreground as one object.
 
     Raises
     ------
     ScenarioError
-        Flashes too short for the time over which they go on.
+        Flashes are too short for the time over which they go on.
     """
     return [_trail(trail, number, shutter_s, horizon_sine) for number, trail in enumerate(trails)]
 
@@ -110,7 +110,7 @@ def _trail(trail: TrailSpec, number: int, shutter_s: float, horizon_sine: float)
 
 
 def lit_s(trail: TrailSpec, end_s: float, above_s: tuple[float, float], shutter_s: float) -> tuple[float, float]:
-    """First and last light of a trail within the exposure, s from its start; of a dark one the last is not the later."""
+    """Return the times of first and last light of a trail within the exposure, s from its start; if dark, last <= first."""
     begin, end = max(trail.start_s, above_s[0], 0.0), min(end_s, above_s[1], shutter_s)
     if trail.strobe is not None:
         period_s, flash_s, first_s = trail.strobe.period_s, trail.strobe.flash_s, trail.strobe.first_s
@@ -123,7 +123,7 @@ def lit_s(trail: TrailSpec, end_s: float, above_s: tuple[float, float], shutter_
 
 
 def _parts(strobe: StrobeSpec | None, number: int, lit_s: float) -> int:
-    """Parts of the light curve of a trail that shines or flashes for a time."""
+    """Return the number of parts of the light curve of a trail that shines or flashes for a given time."""
     if strobe is None:
         return FEWEST_PARTS
     asked = math.ceil(PARTS_PER_FLASH * lit_s / strobe.flash_s)
@@ -137,9 +137,9 @@ def _parts(strobe: StrobeSpec | None, number: int, lit_s: float) -> int:
 
 
 def light_curve(trail: TrailSpec, end_s: float, edges_s: Floats) -> Floats:
-    """Mean brightness of a trail that is lit all the while, relative to its magnitude, between successive times (m + 1,).
+    """Mean brightness of an always lit trail, relative to its magnitude, between successive times (m + 1,).
 
-    A meteor's brightness rises and falls as a parabola over its path, a first approximation to observed light curves.
+    A meteor's brightness rises and falls as a parabola over its path, as a first approximation to observed light curves.
     """
     if trail.strobe is not None:
         turns, since = np.divmod(edges_s - trail.strobe.first_s, trail.strobe.period_s)
@@ -151,7 +151,7 @@ def light_curve(trail: TrailSpec, end_s: float, edges_s: Floats) -> Floats:
     else:
         return np.ones(len(edges_s) - 1)
     mean = np.diff(light) / np.diff(edges_s)
-    # What rounding leaves of darkness would count as light.
+    # Residuals of rounding in the dark would count as light.
     return np.asarray(np.where(mean > NO_TURN, mean, 0.0))
 
 

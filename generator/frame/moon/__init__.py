@@ -1,1 +1,1 @@
-"""The Moon in a frame: its path over the exposure, the points of its disk, and the lights that it hides."""
+"""The Moon in a frame: its path over the exposure, the points of its disk, and the occultation of lights."""

@@ -28,39 +28,40 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
 FEWEST_ACROSS = 3
-"""Points across the disk: enough for a centroid where it is unresolved."""
+"""Fewest points across the disk: enough for a centroid if it is unresolved."""
 LARGE_PX = 60.0
-"""Diameter from which a disk counts as large: its points are as far apart as the point spread function allows, and those
+"""Diameter from which a disk counts as large: its points are spaced as widely as the point spread function allows, and those
 outside the frame are gathered."""
 CLOSEST_PX, FARTHEST_PX = 0.5, 2.0
-"""Between points."""
+"""Limits of the distance between points."""
 SIGMAS_APART = 1.25
-"""Between points of a large disk. A lattice of Gaussians so far apart ripples by 4 exp(-2 pi^2 / 1.25^2), 1.3e-5."""
+"""Distance between points of a large disk, in standard deviations. A lattice of Gaussians with this spacing ripples by 4
+exp(-2 pi^2 / 1.25^2), 1.3e-5."""
 LARGEST_DISPERSED_PX = 600.0
-"""Diameter up to which the air disperses a disk: it takes a dozen times as long, and shows at the limb alone."""
+"""Diameter up to which a disk is dispersed by the air: dispersion takes a dozen times as long, and shows only at the limb."""
 STEPS_PER_DIAMETER = 64.0
-"""Of a large disk that moves: the ends of its trail are ramps of so many steps."""
+"""Steps per diameter of a large disk that moves: the ends of its trail are ramps of this many steps."""
 CELL = 16
-"""Points across the cells in which those outside the frame are gathered."""
+"""Points across the cells in which points outside the frame are gathered."""
 MOMENTS_AT_ONCE, FEWEST_AT_ONCE, MOST_AT_ONCE = 4_000_000, 4_096, 250_000
-"""Of one block of points: moments, which bound memory where the Moon moves, and points."""
+"""Limits of one block of points: number of moments, which limits memory if the Moon moves, and number of points."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiskGrid:
     """A square lattice over the disk, row by row; x points to the Sun, and the disk's radius is 1.
 
-    The lit part is uniform in brightness, as that of the full Moon nearly is (Lommel-Seeliger's law at small phase angles),
-    and the terminator is where the Sun sets.
+    The lit part has uniform brightness, nearly as the full Moon has (Lommel-Seeliger's law at small phase angles), and
+    the terminator is where the Sun sets.
 
     Attributes
     ----------
     across : int
-        Rows, and points in the longest of them.
+        Number of rows, and of points in the longest of them.
     first, lit, after : (across,) arrays
-        Columns of each row's first point on the disk, of its first lit one, and of the one after its last.
+        Columns of each row's first point on the disk, of its first lit point, and of the point after its last.
     earthshine : float
-        Light of the whole disk, lit by the Earth, over that of its part lit by the Sun.
+        Light of the whole disk lit by the Earth, relative to that of its part lit by the Sun.
     """
 
     across: int
@@ -71,7 +72,7 @@ class DiskGrid:
 
     @property
     def in_row(self) -> Whole:
-        """Points of each row that shine, (across,) array."""
+        """Number of shining points in each row, (across,) array."""
         return self.after - (self.first if self.earthshine else self.lit)
 
     def rows(self, start: int, stop: int) -> tuple[Floats, Floats, Floats]:
@@ -81,7 +82,7 @@ class DiskGrid:
         -------
         x, y : (n,) arrays
         share : (n,) array
-            Of the Moon's light; those of all rows add up to 1 plus earthshine.
+            Fraction of the Moon's light; those of all rows add up to 1 plus earthshine.
         """
         count = self.in_row[start:stop]
         row = np.repeat(np.arange(start, stop), count)
@@ -93,7 +94,7 @@ class DiskGrid:
 
 
 def disk_grid(across: int, phase_angle_deg: float, earthshine: float = 0.0) -> DiskGrid:
-    """The lattice of a disk by its points across and the phase angle, deg; one point is lit at least."""
+    """Lattice of a disk for a number of points across and the phase angle, deg; at least one point is lit."""
     y = (np.arange(across) + 0.5) / across * 2 - 1
     half = np.sqrt(1 - y**2)
 
@@ -114,14 +115,14 @@ def is_drawn(plan: FramePlan) -> bool:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How the points of a disk are drawn.
+    """Parameters for drawing the points of a disk.
 
     Attributes
     ----------
     step_px : float
-        Longest step between two moments of a moving disk that is large enough for it; 0 for a small one.
+        Longest step between two moments of a large moving disk; 0 for a small one.
     dispersed_px : float
-        Dispersion from which the air spreads the points.
+        Dispersion from which the points are spread.
     """
 
     step_px: float
@@ -129,7 +130,7 @@ class Drawing:
 
 
 def drawing_of(plan: FramePlan) -> Drawing:
-    """How a frame's Moon is drawn."""
+    """Return how a frame's Moon is drawn."""
     diameter = _diameter_px(plan, moon_path(plan))
     if diameter <= LARGE_PX:
         return Drawing(0.0, LEAST_PX)
@@ -139,8 +140,9 @@ def drawing_of(plan: FramePlan) -> Drawing:
 def moon_lights(plan: FramePlan) -> Iterator[PointLights]:
     """Points of the Moon's disk that are above the horizon at some time of the exposure, in blocks that fit into memory.
 
-    They move as the Moon does, and each is refracted by itself, so that the disk is flattened near the horizon and sets bit
-    by bit. Brightness and colour are those of mid-exposure; air and cloud dim each point where it is at mid-exposure.
+    They move with the Moon, and each is refracted individually, so that the disk is flattened near the horizon and sets
+    gradually. Brightness and colour are those of mid-exposure; air and cloud dim each point as at its place at
+    mid-exposure.
     """
     if not is_drawn(plan):
         return
@@ -180,14 +182,14 @@ def _diameter_px(plan: FramePlan, path: MoonPath) -> float:
 
 
 def _middle(directions: Floats) -> Floats:
-    """Unit vectors (n, 3) half-way through paths (n, k, 3)."""
+    """Return unit vectors (n, 3) at the middle of paths (n, k, 3)."""
     moments = directions.shape[1]
     middle = directions[:, (moments - 1) // 2] + directions[:, moments // 2]
     return np.asarray(middle / np.linalg.norm(middle, axis=-1, keepdims=True))
 
 
 def _near_the_frame(plan: FramePlan, path: MoonPath, x: Floats, y: Floats, travel_rad: float) -> NDArray[np.bool_]:
-    """Which places on the disk may touch the frame at some time of the exposure, (n,) array."""
+    """Return which places on the disk may touch the frame at some time of the exposure, (n,) array."""
     at_middle = [(len(path.centre) - 1) // 2, len(path.centre) // 2]
     both = MoonPath(*(part[at_middle] for part in (path.centre, path.towards_sun, path.across, path.radius_rad)))
     towards = _middle(seen_through_air(plan, both.points(x, y)))
@@ -196,7 +198,7 @@ def _near_the_frame(plan: FramePlan, path: MoonPath, x: Floats, y: Floats, trave
 
 
 def _gathered(x: Floats, y: Floats, share: Floats, across: int) -> tuple[Floats, Floats, Floats]:
-    """Points as one for each cell of the lattice, of their light and in their middle."""
+    """Merge the points of each cell of the lattice into one with their light, at their mean position."""
     column, row = (np.floor((place + 1) / 2 * across / CELL) for place in (x, y))
     _, cell = np.unique(row * across + column, return_inverse=True)
     light: Floats = np.bincount(cell, share).astype(np.float64)
@@ -204,7 +206,7 @@ def _gathered(x: Floats, y: Floats, share: Floats, across: int) -> tuple[Floats,
 
 
 def _above_horizon(plan: FramePlan, path: MoonPath, x: Floats, y: Floats, share: Floats) -> Iterator[PointLights]:
-    """Places on the disk that are up at some time, as points of light; none where all are down."""
+    """Yield places on the disk that are above the horizon at some time, as points of light; nothing if all are below."""
     directions = seen_through_air(plan, path.points(x, y))
     up = np.flatnonzero(directions[:, :, 2].max(axis=1, initial=-1.0) >= plan.horizon.sine)
     if not len(up):

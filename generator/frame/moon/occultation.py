@@ -1,4 +1,4 @@
-"""Lights that the Moon hides: it is opaque, and they are behind it."""
+"""Occultation of lights by the Moon."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from generator.places.astrometry import unrefracted
 Floats = NDArray[np.float64]
 
 NEAR_DEG = 1.5
-"""Farther from the Moon's centre no light is hidden: its radius, and what refraction differs within it."""
+"""Distance from the Moon's centre beyond which no light is hidden: its radius, plus differences of refraction within it."""
 FASTEST_DEG_S = 1.5 / 3600
-"""Exceeds the speed of the Moon among the stars, the observer's own motion included."""
+"""Upper limit of the speed of the Moon among the stars, the observer's own motion included."""
 
 
 def behind_moon(plan: FramePlan, lights: PointLights) -> PointLights:
-    """Lights with the times at which the Moon hides them.
+    """Return the lights with the times between which the Moon hides them.
 
-    A light is behind the Moon where its direction above the air lies within the Moon's disk; both move along chords between
-    the moments of the plan. It enters and leaves the disk once at most, as the disk is convex and the path nearly straight.
+    A light is behind the Moon if its direction above the air is within the Moon's disk; both move along chords between
+    the moments of the plan. It enters and leaves the disk at most once, because the disk is convex and the path nearly
+    straight.
     """
     path = moon_path(plan)
     apparent = seen_through_air(plan, path.centre)
@@ -44,17 +45,17 @@ def behind_moon(plan: FramePlan, lights: PointLights) -> PointLights:
 
 
 def times_inside(places: Floats) -> Floats:
-    """When paths are inside the unit circle.
+    """Return the times at which paths are inside the unit circle.
 
     Parameters
     ----------
     places : (n, k, 2) array
-        At k moments evenly spaced from 0 to 1; straight in between.
+        Places at k moments evenly spaced from 0 to 1; straight in between.
 
     Returns
     -------
     (n, 2) array
-        First and last time inside; inf where there is none.
+        First and last time inside; inf if there is none.
     """
     start, way = places[:, :-1], np.diff(places, axis=1)
     # |start + t way|^2 = 1, t from 0 to 1.

@@ -1,4 +1,4 @@
-"""Where the Moon is at the moments of a frame's exposure, and how its disk stands."""
+"""Place of the Moon at the moments of a frame's exposure, and orientation of its disk."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_AIR = Air(0.0, 10.0, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class MoonPath:
-    """The Moon's disk at k moments, evenly spaced over the shutter's time, as it stands above the air.
+    """The Moon's disk without refraction at k moments, evenly spaced over the shutter's time.
 
     Attributes
     ----------
@@ -53,19 +53,19 @@ class MoonPath:
 
 
 def site_of(plan: FramePlan) -> Site:
-    """Where the camera of a frame stands."""
+    """Return the site of a frame's camera."""
     place = plan.spec.site
     return Site(place.latitude_deg, place.longitude_deg, place.height_m)
 
 
 def moon_path(plan: FramePlan) -> MoonPath:
-    """The Moon at the moments of the plan's `directions`: in between, points move along chords as the stars do."""
+    """The Moon at the moments of the plan's `directions`; in between, points move along chords as the stars do."""
     moments = plan.directions.shape[1]
     return _path(site_of(plan), plan.utc_start, plan.spec.shutter_s, moments, plan.orientation)
 
 
 def seen_through_air(plan: FramePlan, above_air: Floats) -> Floats:
-    """Apparent unit vectors (..., 3) of those above the air, each refracted by itself."""
+    """Apparent unit vectors (..., 3) for directions above the air, each refracted individually."""
     flat = np.ascontiguousarray(above_air.reshape(-1, 3).T)
     return refracted(flat, site_of(plan), refracting_air(plan.spec.atmosphere)).T.reshape(above_air.shape)
 
@@ -84,7 +84,7 @@ def _path(site: Site, start: Instant, shutter_s: float, moments: int, orientatio
 
 
 def disk_frame(centre: Floats, sun: Floats, radius_rad: Floats) -> MoonPath:
-    """The path of disks by the unit vectors (k, 3) to their centres and to the Sun."""
+    """Path of disks from the unit vectors (k, 3) to their centres and to the Sun."""
     towards = sun - np.einsum("kx,kx->k", sun, centre)[:, None] * centre
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     return MoonPath(centre, towards, np.cross(centre, towards), radius_rad)

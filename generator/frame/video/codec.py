@@ -1,8 +1,8 @@
-"""Grey or colour 8-bit frames through an H.264 codec: coded as a camera codes them, and decoded again.
+"""Encode grey or colour 8-bit frames with H.264 as a camera does, and decode them again.
 
-Grey frames are the luma as they are, 0 to 255. Colour frames are red, green and blue after the transfer curve; luma and
-differences of colour are those of ITU-R BT.709-6 (sections 3 and 4, narrow range: black 16, white 235), the differences means
-over 2 x 2 pixels, and the file says so (ITU-T H.273, code points 1 and narrow range).
+Grey frames are the unchanged luma, 0 to 255. Colour frames are red, green and blue after the transfer curve; luma and
+colour differences are those of ITU-R BT.709-6 (sections 3 and 4, narrow range: black 16, white 235), the differences are
+means over 2 x 2 pixels, and the file states this (ITU-T H.273, code points 1 and narrow range).
 """
 
 from __future__ import annotations
@@ -23,33 +23,35 @@ Picture = NDArray[np.uint8]
 ENCODER = "libx264"
 PIXEL_FORMAT = "yuv420p"
 NEUTRAL = 128
-"""Both differences of colour of a grey picture."""
+"""Value of both colour differences in a grey picture."""
 LUMA, LUMA_UNIT = (2126, 7152, 722), 10000
-"""Weights of red, green, blue, and their sum. Whole numbers: sums of fractions round by the order in which a library adds."""
+"""Weights of red, green, blue, and their sum. They are integers because the rounding of a sum of fractions depends on the
+order in which a library adds."""
 BLACK, LUMA_RANGE, COLOUR_RANGE = 16, 219, 224
 BLUE_DIFFERENCE, RED_DIFFERENCE = 18556, 15748
-"""Ranges of blue and of red less luma, in units of LUMA_UNIT."""
+"""Ranges of blue minus luma and of red minus luma, in units of LUMA_UNIT."""
 BT709 = 1
 NARROW = 1
 """libav's numbers of the matrix, the primaries and the curve of BT.709, and of the narrow range."""
 ROWS_AT_ONCE = 64
-"""Rows converted in one step: what they need fits into the processor's cache."""
+"""Rows converted in one step, so that the data fit into the processor's cache."""
 EVERY_PROCESSOR = "cpu-independent=1"
-"""Without it, x264 spreads the macroblock tree's costs by instructions of the processor at hand, whose results differ."""
+"""Without this option, x264 distributes the macroblock tree's costs with processor-specific instructions, whose results
+differ."""
 
 
 def encode(frames: Iterable[Picture], shape: tuple[int, int], frames_per_s: float, spec: H264Spec) -> bytes:
-    """An MP4 file of frames (height, width) or (height, width, 3), height and width even as in `shape`.
+    """Encode frames (height, width) or (height, width, 3) as an MP4 file; height and width are even as in `shape`.
 
-    One thread and no frames that refer to later ones, as cameras code: the same frames give the same bytes with the same
-    build of x264, on any processor.
+    It uses one thread and no frames that refer to later ones, as cameras do. The same frames give the same bytes with the
+    same build of x264, on any processor.
 
     Raises
     ------
     GeneratorError
         PyAV was built without x264.
     """
-    # Loads FFmpeg, which other frames need not wait for.
+    # This import loads FFmpeg, which other frames do not need.
     import av
 
     if ENCODER not in av.codecs_available:
@@ -84,7 +86,7 @@ def encoder_options(spec: H264Spec) -> dict[str, str]:
     options |= {"g": str(spec.keyframe_every), "x264-params": EVERY_PROCESSOR}
     if spec.bitrate_kbit_s is None:
         return options | {"crf": str(spec.crf)}
-    # The buffer of a second is what a camera at a constant bit rate allows itself.
+    # A buffer of one second is usual for a camera with a constant bit rate.
     bits = str(round(1000 * spec.bitrate_kbit_s))
     return options | {"b": bits, "maxrate": bits, "bufsize": bits}
 
@@ -119,18 +121,18 @@ def _luma(frame: Picture) -> NDArray[np.int32]:
 
 
 def _quotient(values: NDArray[Any], divisor: int) -> NDArray[Any]:
-    """Whole numbers divided by another, rounded, halves up."""
+    """Divide integers by an integer, rounding halves up."""
     quotient: NDArray[Any] = (2 * values + divisor) // (2 * divisor)
     return quotient
 
 
 def _whole_range(luma: Picture) -> Picture:
-    """Luma of the narrow range as 0 to 255; what lies beyond black and white is cut."""
+    """Expand luma from the narrow range to 0 to 255; values beyond black and white are clipped."""
     return np.rint(np.clip((luma - float(BLACK)) * (255 / LUMA_RANGE), 0, 255)).astype(np.uint8)
 
 
 def decode(video: bytes) -> Iterator[Picture]:
-    """Luma of the frames of a video that :func:`encode` made, (height, width) each from 0 to 255, in order."""
+    """Decode a video from :func:`encode` and yield the luma of its frames in order, (height, width) each, from 0 to 255."""
     import av
 
     with av.open(io.BytesIO(video), "r", format="mp4") as container:

@@ -29,18 +29,18 @@ from generator.sensor.sunburn import burnt_pixels
 Picture = NDArray[np.uint8]
 
 SLICE_STEP_PX = 0.1
-"""Way of the sky during which a star stands still."""
+"""Motion of the sky, px, during which a star is taken to stand still."""
 MOST_SLICES = 32
 LARGEST_BALANCE = 16.0
-"""Factor of the white balance."""
+"""Largest factor of the white balance."""
 
 
 def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
-    """The 8-bit frames of a video, before any codec: (height, width) uint8 arrays, of a colour sensor (height, width, 3).
+    """The 8-bit frames of a video, before any codec: (height, width) uint8 arrays, or (height, width, 3) for a colour sensor.
 
-    Stars and sky are rendered for as many parts of the exposure as keep their way below SLICE_STEP_PX; frames of one part
-    have one expectation and noise of their own. Trails, satellites and meteors are rendered for each frame in which they
-    shine.
+    The exposure is divided into parts in which stars and sky move by less than SLICE_STEP_PX, but into at most
+    MOST_SLICES parts and at most one per frame. Frames within one part have the same expectation and individual noise.
+    Trails, satellites and meteors are rendered for each frame in which they shine.
     """
     count = spec.count(plan.spec.time.exposure_s)
     resting = replace(plan, objects=plan.objects.chosen(np.zeros(len(plan.objects), bool)))
@@ -77,9 +77,10 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
 
 
 def grey_sky(light: Floats, pattern: str) -> tuple[float, float, float]:
-    """Factors on red, green, blue that give the expected light of all pixels of a colour the median of green's.
+    """Factors on red, green, blue that bring the median expected light of each colour to that of green.
 
-    As a camera's automatic white balance does that has settled; between 1 / LARGEST_BALANCE and LARGEST_BALANCE.
+    They are those of a camera's automatic white balance once it has settled, limited to between 1 / LARGEST_BALANCE and
+    LARGEST_BALANCE.
     """
     channel = filter_array(pattern, *light.shape)
     blue, green, red = (float(np.median(light[channel == number])) for number in range(3))
@@ -90,13 +91,13 @@ def grey_sky(light: Floats, pattern: str) -> tuple[float, float, float]:
 
 
 def in_colour(shares: Floats, black: float, pattern: str, balance: tuple[float, float, float]) -> Floats:
-    """Shares of white (height, width) of a filter array as red, green, blue (height, width, 3) over the same black level."""
+    """Convert fractions of white (height, width) of a filter array to red, green, blue (height, width, 3), same black."""
     light = demosaic((shares - np.float32(black)).astype(np.float64), pattern) * np.array(balance)
     return (light + black).astype(np.float32)
 
 
 def slice_count(plan: FramePlan, count: int) -> int:
-    """Parts of an exposure in which the sky is taken to stand still: all frames, where the camera turns."""
+    """Number of parts of an exposure in which the sky is taken to stand still; one per frame if the camera turns."""
     if len(plan.motion.R_cam) > 1:
         return count
     way_px = math.radians(SKY_RATE_DEG_S * plan.spec.time.exposure_s) * plan.spec.camera.f_px
@@ -104,7 +105,7 @@ def slice_count(plan: FramePlan, count: int) -> int:
 
 
 def plan_part(plan: FramePlan, start: float, stop: float) -> FramePlan:
-    """The plan of a part of the exposure, from share `start` to `stop` of it, of a global shutter."""
+    """Return the plan of a part of the exposure, from fraction `start` to `stop`, with a global shutter."""
     exposure_s = (stop - start) * plan.spec.time.exposure_s
     time = plan.spec.time.model_copy(update={"exposure_s": exposure_s})
     return replace(
@@ -118,7 +119,7 @@ def plan_part(plan: FramePlan, start: float, stop: float) -> FramePlan:
 
 
 def _within(values: NDArray[np.float64], start: float, stop: float) -> NDArray[np.float64]:
-    """Samples (n, k, …), linear in between over the whole exposure, as k samples over a part of it."""
+    """Resample (n, k, …) samples, linear in between over the whole exposure, as k samples over a part of it."""
     last = values.shape[1] - 1
     if last < 1:
         return values
@@ -129,7 +130,7 @@ def _within(values: NDArray[np.float64], start: float, stop: float) -> NDArray[n
 
 
 def _motion_within(motion: Motion, start: float, stop: float, exposure_s: float) -> Motion:
-    """Attitudes over a part of the exposure, as many as over the whole."""
+    """Return attitudes over a part of the exposure, as many as over the whole."""
     if len(motion.R_cam) == 1:
         return motion
     share = np.linspace(0, 1, len(motion.R_cam))
@@ -139,7 +140,7 @@ def _motion_within(motion: Motion, start: float, stop: float, exposure_s: float)
 
 
 def moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
-    """Expected electrons of flying objects in a part of the exposure; None where none shines."""
+    """Expected electrons of flying objects in a part of the exposure; None if none shines."""
     if not len(plan.objects):
         return None
     part = plan_part(plan, start, stop)
@@ -160,7 +161,7 @@ def moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
         scintillation=part.scintillation[none],
         unlisted=None,
     )
-    # Lamps, windows and the landscape's own light are among the standing light.
+    # Lamps, windows and the landscape's own light belong to the stationary light.
     return render_expected(alone, layers=True, channels=False).layers.get("objects")
 
 
@@ -177,7 +178,7 @@ class _Map:
     offset: Any
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
-        """Apply it."""
+        """Apply the map to a signal."""
         del exposure
         return signal * self.factor + self.offset
 
@@ -214,7 +215,7 @@ class _Sensing:
 
 
 def eight_bit(light: Floats, spec: VideoSpec) -> Picture:
-    """Shares of white, (height, width) or (height, width, 3), as 8-bit values, sharpened and by the transfer curve."""
+    """Convert fractions of white, (height, width) or (height, width, 3), to 8-bit values: sharpening, then transfer curve."""
     light = np.clip(sharpened(light, spec.sharpen), 0, 1)
     if spec.gamma != 1:
         light = light ** np.float32(1 / spec.gamma)

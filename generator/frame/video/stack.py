@@ -1,9 +1,9 @@
 """Stacks of video frames: mean, maximum, the maximum's frame, standard deviation, as meteor cameras store them.
 
-The Global Meteor Network keeps 256 frames of 8 bits as four pictures, in FITS files named FF (Vida et al. 2021, MNRAS 506,
-5046; four-frame temporal pixel: Gural 2011, Proc. IMC 2010). Their integer arithmetic is part of the format: the highest
-value of a pixel is left out of mean and standard deviation, the mean is rounded down, and the standard deviation follows
-from the rounded mean, which raises it where the mean has a fraction: by a variance of up to the mean itself.
+The Global Meteor Network keeps 256 frames of 8 bits as four pictures, in FITS files named FF (Vida et al. 2021, MNRAS
+506, 5046; four-frame temporal pixel: Gural 2011, Proc. IMC 2010). Their integer arithmetic is part of the format: the
+highest value of a pixel is left out of mean and standard deviation, the mean is rounded down, and the standard deviation
+is about the rounded mean. This raises the variance if the mean has a fraction, by up to the mean itself.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ PICTURES = ("MAXPIXEL", "MAXFRAME", "AVEPIXEL", "STDPIXEL")
 
 @dataclass(frozen=True)
 class Stack:
-    """Four pictures of a pile of frames, (height, width) uint8 arrays each.
+    """Four pictures that summarise a stack of frames, (height, width) uint8 arrays each.
 
     Attributes
     ----------
     maximum : array
     maximum_frame : array
-        Number of the frame with the maximum, from 0; where several have it, one of them at random.
+        Number of the frame with the maximum, from 0; if several have it, one of them at random.
     mean : array
-        Without the maximum, rounded down.
+        Mean without the maximum, rounded down.
     deviation : array
         Standard deviation without the maximum, about the rounded mean, rounded down; at least 1.
     frames : int
-        Their number.
+        Number of frames.
     """
 
     maximum: Picture
@@ -48,12 +48,12 @@ class Stack:
 
 
 def stack(frames: Iterable[Picture], random: np.random.Generator) -> Stack:
-    """Stack 3 to 256 frames (height, width), of which one at a time is needed.
+    """Stack 3 to 256 frames (height, width), holding only one at a time in memory.
 
     Raises
     ------
     ValueError
-        There are fewer or more.
+        There are fewer or more frames.
     """
     count = 0
     for count, frame in enumerate(frames, start=1):
@@ -68,7 +68,7 @@ def stack(frames: Iterable[Picture], random: np.random.Generator) -> Stack:
         squares += wide * wide
         above = frame > highest
         equal = np.where(above, 1, equal + (frame == highest)).astype(np.float32)
-        # Of n frames with the highest value, each is kept with a probability of 1 / n (reservoir sampling).
+        # Each of n frames with the highest value is kept with a probability of 1 / n (reservoir sampling).
         kept = above | ((frame == highest) & (random.random(frame.shape, dtype=np.float32) * equal < 1))
         which[kept] = count - 1
         np.maximum(highest, frame, out=highest)

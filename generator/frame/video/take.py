@@ -20,14 +20,14 @@ CAMERA = "skybench"
 
 @dataclass(frozen=True)
 class TakenVideo:
-    """What a video camera leaves of an exposure.
+    """Output of a video camera for an exposure.
 
     Attributes
     ----------
     image : (height, width) uint16 array
-        Mean of the frames, 0 to 255; of colour frames, of their luma.
+        Mean of the frames, 0 to 255; for colour frames, of their luma.
     files : dict of bytes
-        By suffix: the stack, and the video where it is kept.
+        Files by suffix: the stack, and the video if it is kept.
     """
 
     image: NDArray[np.uint16]
@@ -35,7 +35,7 @@ class TakenVideo:
 
 
 def take_video(plan: FramePlan, spec: VideoSpec) -> TakenVideo:
-    """Take the video of a frame; it depends on the scenario and the frame's index alone."""
+    """Record the video of a frame; it depends only on the scenario and the frame's index."""
     frames, files = video_frames(plan, spec), {}
     if spec.codec == "h264":
         camera = plan.spec.camera

@@ -1,9 +1,9 @@
 """Houses around a yard, and a street between rows of houses with lamps; some of their windows are lit.
 
-Street lamps: luminaires of 6,000 lm on poles of 8 m every 30 m. Their intensity by the angle from the nadir, 350 cd/klm at
-70 deg, 100 at 80, 10 at 90 and none above, is of the order of the limits of the stricter classes of EN 13201-2 (G*); it has
-not been checked against the standard's text. That a third of the windows are lit,
-and how brightly each, is skybench's own choice.
+Street lamps: luminaires of 6,000 lm on poles of 8 m every 30 m. Their intensity by the angle from the nadir (350 cd/klm
+at 70 deg, 100 at 80, 10 at 90 and zero above) is of the order of the limits of the stricter classes of EN 13201-2 (G*);
+it has not been checked against the standard's text. The fraction of lit windows, a third, and their brightness are
+skybench's own choice.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ ROOFS = np.array([[0.14, 0.06, 0.04], [0.06, 0.06, 0.07]])
 ASPHALT = np.array([0.08, 0.08, 0.08])
 LIT_SHARE = 0.33
 WARM = np.array([1.0, 0.62, 0.28])
-"""Colour of a lit window over white."""
+"""Colour of a lit window relative to white."""
 STOREY_M, WINDOW_STEP_M = 3.1, 3.0
 WINDOW = (1.0, 2.4, 1.3)
-"""Lower and upper edge above the floor, and width, m."""
+"""Window: lower and upper edge above the floor, and width, m."""
 HALF_STREET_M, STREET_LENGTH_M = 9.0, 260.0
 LAMP_HEIGHT_M, LAMP_SPACING_M, LAMP_KLM = 8.0, 30.0, 6.0
 GAMMA_DEG = (0.0, 60.0, 70.0, 80.0, 90.0)
@@ -34,14 +34,14 @@ CD_PER_KLM = (160.0, 350.0, 350.0, 100.0, 10.0)
 
 
 def lamp_intensity_cd(gamma_deg: float) -> float:
-    """Intensity of a street lamp at an angle from the nadir; none above the horizontal."""
+    """Intensity of a street lamp at an angle from the nadir; zero above the horizontal."""
     return LAMP_KLM * float(np.interp(gamma_deg, GAMMA_DEG, CD_PER_KLM)) if gamma_deg <= 90 else 0.0
 
 
 def windows(
     rng: np.random.Generator, along: Floats, y: Floats, top: Floats | float
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Which places on a front are glass, and how bright each is (0 for dark windows, to 1), by place along it and height."""
+    """Which places on a front are glass, and the brightness of each (0 for dark, up to 1), by place along it and height."""
     column, storey = np.floor(along / WINDOW_STEP_M), np.floor(y / STOREY_M)
     x_in, y_in = along - (column + 0.5) * WINDOW_STEP_M, y - storey * STOREY_M
     glass = (np.abs(x_in) < WINDOW[2] / 2) & (y_in > WINDOW[0]) & (y_in < WINDOW[1]) & (y < top - 0.6) & (y > 0)
@@ -91,7 +91,7 @@ def _house(canvas: Canvas, azimuth: float, away: float, width: float) -> None:
 
 
 def draw_street(canvas: Canvas) -> None:
-    """Draw a straight street between rows of houses, the camera in its middle, with lamps on both sides."""
+    """Draw a straight street between rows of houses, with the camera in its middle and lamps on both sides."""
     rng = canvas.rng
     heading = rng.uniform(0, 360)
     patch = canvas.whole(-90.0, 74.0)

@@ -1,4 +1,4 @@
-"""The panorama on which skylines are drawn: patches in metres at a distance, over what is behind them."""
+"""The panorama on which skylines are drawn: patches in metres at a distance, each over the background."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 COLUMNS = 3600
-"""One each 0.1 deg."""
+"""Number of columns, one per 0.1 deg."""
 TOP_DEG = 75.0
 FARTHEST_M = 50_000.0
 GROUND: tuple[float, float, float] = (0.045, 0.055, 0.025)
@@ -31,9 +31,9 @@ class Canvas:
     ----------
     rng : Generator
     lamps : list of Lamp
-        That belong to what is drawn.
+        Lamps that belong to the drawing.
     grass : bool
-        Whether it begins with level grass up to the horizon.
+        Whether it starts with level grass up to the horizon.
     """
 
     rng: np.random.Generator
@@ -41,7 +41,7 @@ class Canvas:
     grass: bool = True
 
     def __post_init__(self) -> None:
-        """Begin with nothing, or with grass."""
+        """Start empty, or with grass."""
         rows = round((TOP_DEG + 90) / 360 * COLUMNS)
         self.altitude_deg = row_altitudes(rows, TOP_DEG, -90.0)
         self.azimuth_deg = column_azimuths(COLUMNS)
@@ -63,7 +63,7 @@ class Canvas:
 
     @property
     def step_deg(self) -> float:
-        """Of rows and columns."""
+        """Step of rows and columns."""
         return 360 / COLUMNS
 
     def patch(self, azimuth_deg: float, half_width_deg: float, low_deg: float, high_deg: float) -> Patch:
@@ -88,7 +88,7 @@ class Canvas:
     def draw(
         self, patch: Patch, alpha: Floats, colour: Floats, distance_m: Floats | float, glow: Floats | None = None
     ) -> None:
-        """Draw over what is there: alpha (rows, columns), 0-1, and linear colours that broadcast to (rows, columns, 3)."""
+        """Draw over the content: alpha (rows, columns), 0-1, and linear colours that broadcast to (rows, columns, 3)."""
         covered_by = np.clip(alpha, 0, 1).astype(np.float32)
         for part, columns in patch.drawn(covered_by):
             place = (slice(patch.rows.start + part[0].start, patch.rows.start + part[0].stop), columns)
@@ -102,13 +102,13 @@ class Canvas:
                 self.glow[place] *= rest
             if glow is not None:
                 self.glow[place] += _part(glow, (*patch.shape, 3), part) * share
-            # A texel's distance is that of the larger part of what covers it.
+            # A texel's distance is that of the larger part of its cover.
             np.copyto(self.distance[place], _part(distance_m, patch.shape, part), where=share[..., 0] > 0.5)
             self.alpha[place] = whole
         self.glows |= glow is not None
 
     def panorama(self, glow_cd_m2: float) -> Panorama:
-        """What has been drawn."""
+        """Return the drawing as a panorama."""
         used = np.flatnonzero(self.alpha.any(axis=1))
         first = int(used[0])
         step = (TOP_DEG + 90) / len(self.altitude_deg)
@@ -126,7 +126,7 @@ class Canvas:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Texels of a canvas: rows, columns (which may pass north), azimuths from the patch's own, and altitudes, deg."""
+    """Texels of a canvas: rows, columns (possibly across north), azimuths from the patch's own, and altitudes, deg."""
 
     rows: slice
     columns: NDArray[np.intp]
@@ -139,7 +139,7 @@ class Patch:
         return len(self.altitude_deg), len(self.columns)
 
     def drawn(self, cover: Singles) -> Iterator[tuple[tuple[slice, slice], slice]]:
-        """The rectangle that holds a cover (rows, columns) above 0, cut at north.
+        """The rectangle that contains a cover (rows, columns) above 0, split at north.
 
         Yields its rows and columns in the patch, and its columns on the canvas.
         """
@@ -172,12 +172,12 @@ def smooth_noise(rng: np.random.Generator, shape: tuple[int, int], sigma: float)
 
 
 def covered(edge: Floats, place: Floats, step: Floats | float) -> Floats:
-    """Part of cells of a width around places that lies below an edge."""
+    """Fraction of cells of a given width around places that is below an edge."""
     return np.clip((edge - place) / step + 0.5, 0, 1)
 
 
 def strip(place: Floats, middle: Floats | float, width: Floats | float, step: Floats | float) -> Floats:
-    """Part of cells of width `step` around places that a strip of a width covers, however thin."""
+    """Fraction of cells of width `step` around places that a strip covers, however thin it is."""
     low = np.maximum(place - np.divide(step, 2), middle - np.divide(width, 2))
     high = np.minimum(place + np.divide(step, 2), middle + np.divide(width, 2))
     return np.clip((high - low) / step, 0, 1)

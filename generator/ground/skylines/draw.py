@@ -30,6 +30,6 @@ def skyline_panorama(names: Sequence[str], rng: np.random.Generator, glow_cd_m2:
 
 
 def draw_skylines(canvas: Canvas, names: Sequence[str]) -> None:
-    """Draw skylines in the order of their names, each over what is there."""
+    """Draw skylines in the order of their names, each over the existing content."""
     for name in names:
         SKYLINES[name](canvas)

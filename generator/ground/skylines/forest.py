@@ -1,7 +1,7 @@
 """A wood: single trees around the camera, conifers and broadleaved ones, whose crowns have gaps.
 
-Trees are 8 to 25 m high, crowns of conifers a third, of broadleaved trees two thirds as wide as the tree is high, as
-open-grown trees (Hasenauer 1997, Forest Ecology and Management 96, 197). The gaps are skybench's own choice.
+Trees are 8 to 25 m high; the crowns of conifers are a third, those of broadleaved trees two thirds as wide as the tree is
+high, as for open-grown trees (Hasenauer 1997, Forest Ecology and Management 96, 197). The gaps are skybench's own choice.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LEAVES = np.array([[0.035, 0.060, 0.020], [0.050, 0.075, 0.022], [0.025, 0.045, 
 BARK = np.array([0.06, 0.048, 0.038])
 BLOBS = 14
 OUTSIDE = -1.5
-"""Density from which there are leaves."""
+"""Density above which there may be leaves."""
 
 
 def draw_forest(canvas: Canvas) -> None:
@@ -29,7 +29,7 @@ def draw_forest(canvas: Canvas) -> None:
     rng = canvas.rng
     distance = np.sort(NEAREST_M * (FARTHEST_M / NEAREST_M) ** rng.random(TREES))[::-1]
     azimuth = rng.uniform(0, 360, TREES)
-    # A clearing: trees of one side stand farther away.
+    # For the clearing, trees on one side are farther away.
     opening = rng.uniform(0, 360)
     distance = np.where(np.abs((azimuth - opening + 180) % 360 - 180) < 35, np.maximum(distance, 60.0), distance)
     order = np.argsort(-distance, kind="stable")
@@ -71,7 +71,7 @@ def broad_crown(rng: np.random.Generator, x: Floats, y: Floats, height: float, w
         turn, far = rng.uniform(0, 2 * np.pi), np.sqrt(rng.random())
         middle = (0.33 * width * far * np.cos(turn), foot + 0.5 * (height - foot) * (1 + 0.62 * far * np.sin(turn)))
         size = rng.uniform(0.12, 0.22) * width
-        # Only what may exceed OUTSIDE is looked at.
+        # Only places that may exceed OUTSIDE are examined.
         reach = (1 - 0.5 * OUTSIDE) * size
         near = np.ix_(np.abs(y.ravel() - middle[1]) < reach, np.abs(x.ravel() - middle[0]) < reach)
         clump = 2.0 * (1 - np.hypot(x[:, near[1][0]] - middle[0], y[near[0][:, 0]] - middle[1]) / size)

@@ -1,7 +1,8 @@
 """Hills: ridges of fractal noise, one behind the other.
 
-A ridge's line is the sum of waves whose power falls as the frequency to -2.4: profiles of natural relief have fractal
-dimensions of 1.2 to 1.3, D = (5 - slope) / 2 (Turcotte 1997, "Fractals and chaos in geology and geophysics").
+A ridge's line is a sum of waves whose power is proportional to the frequency to the power of -2.4: profiles of natural
+relief have fractal dimensions of 1.2 to 1.3, D = (5 - slope) / 2 (Turcotte 1997, "Fractals and chaos in geology and
+geophysics").
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ Floats = NDArray[np.float64]
 
 RIDGES_M = (25_000.0, 12_000.0, 5_000.0, 2_000.0)
 HEIGHTS_M = (1400.0, 520.0, 160.0, 45.0)
-"""Mean height over the camera of each ridge."""
+"""Mean height of each ridge above the camera."""
 SPECTRAL_SLOPE = -2.4
 SLOPE_COLOUR = np.array([0.050, 0.060, 0.030])
 
 
 def ridge(rng: np.random.Generator, columns: int = COLUMNS) -> Floats:
-    """A line around the horizon of mean 0 and standard deviation 1."""
+    """A line around the horizon with mean 0 and standard deviation 1."""
     frequency = np.arange(columns // 2 + 1, dtype=np.float64)
     amplitude = np.zeros_like(frequency)
     amplitude[3:] = frequency[3:] ** (SPECTRAL_SLOPE / 2)

@@ -1,7 +1,7 @@
 """Masts: a lattice mast with obstruction lights, and a line of poles with wires; all thinner than most pixels.
 
-Obstruction lights are steady and red: low intensity, type B, 32 cd, as makers of such lights quote ICAO's Annex 14, volume I,
-chapter 6.
+Obstruction lights are steady and red: low intensity, type B, 32 cd, as manufacturers of such lights quote from ICAO's
+Annex 14, volume I, chapter 6.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Skylines that are drawn once and kept between processes: drawing takes seconds."""
+"""Skylines that are drawn once and cached between processes, because drawing takes seconds."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from generator.identity.kept import Arrays, kept
 from generator.seeds import random_stream
 
 NUMBERS = ("azimuth_deg", "altitude_deg", "distance_m", "intensity_cd", "downward_cd")
-"""Of a lamp."""
+"""Numeric attributes of a lamp."""
 
 
 def stored_skyline(names: tuple[str, ...], seed: int, variant: int, glow_cd_m2: float) -> Panorama:
-    """Panorama of skylines (:func:`generator.ground.skylines.draw.skyline_panorama`) by stream ``landscape`` of a seed."""
+    """Panorama of skylines (:func:`generator.ground.skylines.draw.skyline_panorama`) from stream ``landscape`` of a seed."""
 
     def drawn() -> dict[str, NDArray[np.generic]]:
         return arrays_of(skyline_panorama(names, random_stream(seed, "landscape", variant), glow_cd_m2))
@@ -25,7 +25,7 @@ def stored_skyline(names: tuple[str, ...], seed: int, variant: int, glow_cd_m2: 
 
 
 def arrays_of(panorama: Panorama) -> dict[str, NDArray[np.generic]]:
-    """All of a panorama but its glow's luminance, as arrays."""
+    """Convert a panorama, except its glow's luminance, to arrays."""
     planes = {
         "colour": panorama.colour,
         "alpha": panorama.alpha,
@@ -41,7 +41,7 @@ def arrays_of(panorama: Panorama) -> dict[str, NDArray[np.generic]]:
 
 
 def panorama_of(arrays: Arrays, glow_cd_m2: float) -> Panorama:
-    """The panorama of :func:`arrays_of`."""
+    """Restore the panorama from :func:`arrays_of`."""
     top_deg, bottom_deg, white = arrays["edges"].tolist()
     lamps = zip(arrays["lamps"].tolist(), arrays["kinds"].tolist(), strict=True)
     distance = arrays.get("distance")

@@ -1,8 +1,9 @@
 """Panoramas of Stellarium's landscapes, by type.
 
-Geometry as Stellarium's own programs have it (its user guide, chapter "Landscapes"; directions as its test of opacity takes
-them): azimuth of a picture's left edge 90 deg + ``angle_rotatez`` (spherical, old_style); a fisheye picture has south at the
-top and east on the right. Fog layers, labels and the section [location] are not read: air and place are the scenario's.
+The geometry is that of Stellarium's own programs (its user guide, chapter "Landscapes"; directions as in its test of
+opacity): the azimuth of a picture's left edge is 90 deg + ``angle_rotatez`` (spherical, old_style); a fisheye picture has
+south at the top and east on the right. Fog layers, labels and the section [location] are ignored, because the scenario
+states air and place.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def picture(package: Package, key: str) -> Bytes:
 
 
 def spherical(package: Package) -> Panorama:
-    """An equirectangular picture; below its lower edge lies ground of `bottom_cap_color`."""
+    """An equirectangular picture; below its lower edge there is ground of `bottom_cap_color`."""
     rgba = picture(package, "maptex")
     top, bottom = _edges(package, "maptex")
     glow = None
@@ -89,7 +90,7 @@ def fisheye_landscape(package: Package) -> Panorama:
     """A fisheye picture; beyond its circle the landscape is opaque."""
     rgba = picture(package, "maptex")
     size = min(rgba.shape[:2])
-    # Stellarium stretches a texture to a square; the circle is the one of its height.
+    # Stellarium stretches a texture to a square; the circle is that of its height.
     if rgba.shape[0] != rgba.shape[1]:
         raise PictureError(f"'{package.name}': maptex has {rgba.shape[1]} x {rgba.shape[0]} pixels; make it square")
     fov = package.number("texturefov", LARGEST_FOV_DEG, 1, LARGEST_FOV_DEG)
@@ -106,7 +107,7 @@ def closed(panorama: Panorama, bottom_deg: float, colour: Bytes) -> Panorama:
         return panorama
     ny, nx = panorama.shape
     step = (panorama.top_deg - panorama.bottom_deg) / ny
-    # Rows of the picture's own height reach to the nadir, or just beyond: the last is cut by its neighbour's side.
+    # Rows of the picture's own height reach to the nadir, or slightly beyond: the last row is cut at its edge.
     gap = round((panorama.bottom_deg - bottom_deg) / step)
     more = int(np.ceil((bottom_deg + 90) / step - 1e-9))
     more = min(more, MOST_TEXELS // nx - ny - gap)

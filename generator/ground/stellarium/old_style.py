@@ -1,9 +1,10 @@
 """Stellarium's landscapes of the type old_style: pictures side by side on a cylinder, and one on the ground.
 
-`calibrated` pictures reach from `decor_angle_shift` over `decor_alt_angle` deg of altitude, in equal steps of the altitude,
-or of its tangent with `tan_mode`. Without `calibrated`, Stellarium's first formula holds: a cylinder of radius 1 whose wall
-rises from sin(shift) by sin(height), or by tangents with `tan_mode`. The ground's picture lies on a disk of radius 1 at a
-depth of tan(`ground_angle_shift`), or its sine: its right is south and its top is east, turned by `ground_angle_rotatez`.
+`calibrated` pictures reach from `decor_angle_shift` over `decor_alt_angle` deg of altitude, in equal steps of the
+altitude, or of its tangent with `tan_mode`. Without `calibrated`, Stellarium's first formula holds: a cylinder of radius
+1 whose wall rises from sin(shift) by sin(height), or by tangents with `tan_mode`. The ground's picture lies on a disk of
+radius 1 at a depth of tan(`ground_angle_shift`), or its sine: its right is south and its top is east, rotated by
+`ground_angle_rotatez`.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ MOST_REPEATS = 64
 MOST_COLUMNS = 8192
 ROWS_AT_ONCE = 128
 EAST_TURNS = 0.25
-"""Azimuth of the first side's left edge, turns."""
+"""Azimuth of the first side's left edge, in turns."""
 
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One side: its picture, its light (or None), and the part of them in use: x0, y0, x1, y1 from the lower left."""
+    """One side: its picture, its light (or None), and the used part of them: x0, y0, x1, y1 from the lower left."""
 
     rgba: Bytes
     light: Bytes | None
@@ -57,7 +58,7 @@ def old_style(package: Package) -> Panorama:
         floor = _floor(package, ground, altitude, azimuth)
         layers = (wall, floor) if first else (floor, wall)
         both = over(*layers)
-        # What neither picture covers below the wall is ground without colour.
+        # Directions below the wall that neither picture covers are ground without colour.
         both[..., 3] = np.where(altitude[:, None] < _lowest(package), 255, both[..., 3])
         colour[part] = np.rint(both[..., :3])
         alpha[part] = np.rint(both[..., 3])
@@ -67,7 +68,7 @@ def old_style(package: Package) -> Panorama:
 
 
 def over(upper: NDArray[np.float32], lower: NDArray[np.float32]) -> NDArray[np.float32]:
-    """One layer over another; colours as they are beside alpha, 0 to 255, (..., 4) arrays."""
+    """Compose one layer over another; colours are not premultiplied by alpha, 0 to 255, (..., 4) arrays."""
     above = upper[..., 3:] / 255
     below = lower[..., 3:] / 255 * (1 - above)
     whole = above + below
@@ -120,7 +121,7 @@ def _lowest(package: Package) -> float:
 
 
 def _height(package: Package, altitude_deg: Floats) -> Floats:
-    """Share of the wall's height, from its foot, at altitudes."""
+    """Fraction of the wall's height, from its foot, at altitudes."""
     shift = package.number("decor_angle_shift", 0.0, -89.9, 89.9)
     height = package.number("decor_alt_angle", 0.0, 0.01, 180)
     tangent = np.tan(np.radians(altitude_deg))
@@ -175,7 +176,7 @@ def _floor(package: Package, ground: Bytes | None, altitude: Floats, azimuth: Fl
     below = altitude < 0
     radius = depth / np.tan(np.radians(np.where(below, altitude, -90.0)))
     turn = np.radians(azimuth + package.number("ground_angle_rotatez", 0.0, -1000, 1000))
-    # South is the disk's x axis, east its y axis; a positive turn goes from south to east, against the azimuth.
+    # South is the disk's x axis, east its y axis; a positive rotation goes from south to east, against the azimuth.
     x, y = -radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
     height, width = ground.shape[:2]
     inside = below[:, None] & (radius[:, None] <= 1)

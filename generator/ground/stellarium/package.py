@@ -1,7 +1,7 @@
-"""A landscape package of strangers: a bounded archive, and its landscape.ini as checked values.
+"""A landscape package from a third party: an archive of limited size, and its landscape.ini as checked values.
 
-Nothing is unpacked to disk. A member counts only if it lies in the folder of landscape.ini or below it, and is read up to a
-limit, whatever its header says.
+Nothing is unpacked to disk. A member is used only if it is in the folder of landscape.ini or below it, and is read up to
+a limit, whatever its header states.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 INI = "landscape.ini"
 MOST_MEMBERS = 2000
-"""Packages have some tens, with descriptions in many languages."""
+"""Limit of the number of members; packages have some tens, with descriptions in many languages."""
 LARGEST_INI_BYTES = 65_536
 LARGEST_LIST_BYTES = 2_000_000
 LARGEST_MEMBER_BYTES = 200_000_000
@@ -34,12 +34,12 @@ class Package:
     ----------
     path : Path
     name : str
-        For messages.
+        Name for messages.
 
     Raises
     ------
     PackageError
-        No zip archive, or without exactly one landscape.ini.
+        The file is not a zip archive, or does not have exactly one landscape.ini.
     """
 
     def __init__(self, path: Path, name: str) -> None:
@@ -123,7 +123,7 @@ class Package:
         return bool(self.values.get(key))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A key's value. Raises PackageError where it is missing and has no default."""
+        """A key's value. Raises PackageError if it is missing and has no default."""
         value = self.values.get(key) or default
         if value is None:
             raise PackageError(f"'{self.name}': {INI}: {key} is missing; add it to [landscape]")
@@ -153,11 +153,11 @@ class Package:
         return int(value)
 
     def flag(self, key: str) -> bool:
-        """Whether a switch is on; off where it is missing."""
+        """Whether a switch is on; off if it is missing."""
         return self.text(key, "false").lower() in ("true", "1", "yes", "on")
 
     def colour(self, key: str, default: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
-        """Three numbers from 0 to 1; the default where the key is missing or its red is negative. Raises PackageError."""
+        """Three numbers from 0 to 1; the default if the key is missing or its red is negative. Raises PackageError."""
         if not self.has(key):
             return default
         parts = self.text(key).replace(",", " ").split()

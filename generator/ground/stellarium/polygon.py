@@ -15,12 +15,12 @@ from generator.ground.stellarium.package import INI, LARGEST_LIST_BYTES, Package
 Floats = NDArray[np.float64]
 
 COLUMNS = 7200
-"""Of the panorama: one each 0.05 deg."""
+"""Columns of the panorama: one per 0.05 deg."""
 FINE = 2
 """Samples per texel and axis of the polygon's edge."""
 MOST_POINTS = 20_000
 STEP_DEG = 0.25
-"""Length of the chords by which a great circle between two points is drawn."""
+"""Length of the chords with which a great circle between two points is drawn."""
 MODES = {
     "azdeg_altdeg": (1.0, False), "azdeg_zddeg": (1.0, True),
     "azrad_altrad": (180 / math.pi, False), "azrad_zdrad": (180 / math.pi, True),
@@ -31,7 +31,7 @@ BLACK = (0.0, 0.0, 0.0)
 
 
 def polygonal(package: Package) -> Panorama:
-    """Panorama of a landscape of the type polygonal: all below the line has one colour."""
+    """Panorama of a landscape of the type polygonal: everything below the line has one colour."""
     azimuth, altitude = _around(package, *horizon_points(package))
     rows, columns = COLUMNS // 2 * FINE, COLUMNS * FINE
     canvas = Image.new("L", (columns, rows), 0)
@@ -50,7 +50,7 @@ def polygonal(package: Package) -> Panorama:
 
 
 def ground_colour(package: Package, key: str) -> Bytes:
-    """A key's colour, black unless given, as encoded in sRGB, (3,) array; Stellarium takes it as a screen's value."""
+    """A key's colour, by default black, encoded in sRGB, (3,) array; Stellarium uses it as a screen value."""
     colour = package.colour(key, BLACK)
     assert colour is not None
     return np.rint(255 * np.array(colour)).astype(np.uint8)
@@ -85,7 +85,7 @@ def horizon_points(package: Package) -> tuple[Floats, Floats]:
 
 
 def _around(package: Package, azimuth: Floats, altitude: Floats) -> tuple[Floats, Floats]:
-    """The closed line once around, eastwards, along great circles in short chords; azimuths go on beyond 360."""
+    """The closed line once around, eastwards, along great circles in short chords; azimuths continue beyond 360."""
     corners = unit_vectors(altitude, azimuth)
     corners = np.concatenate([corners, corners[:1]])
     angle = np.arccos(np.clip((corners[1:] * corners[:-1]).sum(axis=1), -1, 1))

@@ -1,1 +1,1 @@
-"""Hills of an elevation raster: its file, its map projection, and what of it is seen from one place."""
+"""Hills of an elevation raster: its file, its map projection, and the view from one place."""

@@ -1,7 +1,7 @@
 """Elevation rasters in GeoTIFF files, in geographic or UTM coordinates.
 
-Source of the tags and keys: OGC 19-008r4, "OGC GeoTIFF standard", version 1.1 (2019); the tag of missing values is GDAL's.
-Pixels are decoded by Pillow, after the size in the header has been found acceptable.
+Source of the tags and keys: OGC 19-008r4, "OGC GeoTIFF standard", version 1.1 (2019); the tag of missing values is
+GDAL's. Pixels are decoded by Pillow, after the size in the header has been checked.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ USER_DEFINED = 32767
 DATUMS = (4326, 4979, 4258, 4269, 4937, 4152)
 """WGS84, ETRS89, NAD83 and NAD83(HARN), which agree within two metres."""
 UTM_NORTH, UTM_SOUTH = (32600, 25800, 26900), (32700,)
-"""Codes of zone 0 of UTM on WGS84, ETRS89 and NAD83."""
+"""Codes of UTM zone 0 on WGS84, ETRS89 and NAD83."""
 MODES = ("F", "I", "I;16", "I;16B", "I;16L")
 LOWEST_M, HIGHEST_M = -1000.0, 9500.0
 MOST_KEYS = 200
@@ -45,14 +45,14 @@ class ElevationError(ValueError):
 
 @dataclass(frozen=True)
 class Grid:
-    """Where an elevation raster lies.
+    """Position of an elevation raster.
 
     Attributes
     ----------
     to_pixel : (2, 3) nested tuple
-        Column and row, 0 at the middle of the first pixel, are this matrix times (x, y, 1).
+        Column and row, 0 at the centre of the first pixel, are this matrix times (x, y, 1).
     zone : int
-        Of UTM; 0: x and y are longitude and latitude, deg.
+        Zone of UTM; 0 if x and y are longitude and latitude, deg.
     south : bool
         Whether the zone's northings are those of the southern hemisphere.
     """
@@ -62,7 +62,7 @@ class Grid:
     south: bool = False
 
     def pixel(self, latitude_deg: Floats, longitude_deg: Floats) -> tuple[Floats, Floats]:
-        """Columns and rows of geodetic positions (any shape); longitudes are not brought into the raster's turn."""
+        """Columns and rows of geodetic positions (any shape); longitudes are not shifted to the raster's range."""
         x, y = np.asarray(longitude_deg, float), np.asarray(latitude_deg, float)
         if self.zone:
             x, y = utm(y, x, self.zone, self.south)
@@ -77,7 +77,7 @@ class Elevation:
     Attributes
     ----------
     height_m : (ny, nx) float32 array
-        NaN where the file has none.
+        Heights; NaN where the file has none.
     grid : Grid
     """
 
@@ -85,9 +85,9 @@ class Elevation:
     grid: Grid
 
     def at(self, column: Floats, row: Floats) -> Floats:
-        """Heights, m, bilinear between the pixels' middles; NaN outside of the raster and beside missing values."""
+        """Heights, m, bilinear between the pixels' centres; NaN outside the raster and next to missing values."""
         ny, nx = self.height_m.shape
-        # Half a pixel beyond the outermost middles the raster goes on as it is.
+        # The raster is continued by half a pixel beyond the outermost centres.
         inside = (column >= -0.5) & (column <= nx - 0.5) & (row >= -0.5) & (row <= ny - 0.5)
         column, row = np.clip(np.where(inside, column, 0), 0, nx - 1), np.clip(np.where(inside, row, 0), 0, ny - 1)
         left, top = np.minimum(column.astype(np.intp), nx - 2), np.minimum(row.astype(np.intp), ny - 2)
@@ -98,7 +98,7 @@ class Elevation:
         return np.where(inside, upper * (1 - down) + lower * down, np.nan)
 
     def at_place(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float] | None:
-        """Height, m, at a geodetic position, and its longitude in the turn from which the raster counts; None: no height."""
+        """Height, m, at a geodetic position, and its longitude in the raster's range; None if there is no height."""
         turns = longitude_deg + np.array([0.0, -360.0, 360.0])
         heights = self.at(*self.grid.pixel(np.full(3, latitude_deg), turns))
         found = np.flatnonzero(np.isfinite(heights))
@@ -111,11 +111,11 @@ def read_elevation(data: bytes, name: str) -> Elevation:
     Raises
     ------
     ElevationError
-        Another format, too many pixels, coordinates or units that are not read, or damaged.
+        The file has another format, too many pixels, unsupported coordinates or units, or is damaged.
     """
     try:
         with warnings.catch_warnings():
-            # Pillow warns of large pictures, which are refused below, and of odd tags.
+            # Pillow warns of large pictures, which are refused below, and of unusual tags.
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=("TIFF",)) as image:
                 width, height = image.size
@@ -144,7 +144,7 @@ def read_elevation(data: bytes, name: str) -> Elevation:
 
 
 def _heights(values: Singles, missing: object, name: str) -> Singles:
-    """Heights with NaN where there are none."""
+    """Heights with missing values as NaN."""
     if missing is not None:
         text = str(missing).strip("\0 ")
         try:
@@ -165,11 +165,11 @@ def _heights(values: Singles, missing: object, name: str) -> Singles:
 
 
 def _grid(tags: dict[int, Any], name: str) -> Grid:
-    """Coordinates of a raster by its tags."""
+    """Coordinates of a raster from its tags."""
     keys = _geo_keys(tags, name)
     zone, south = _zone(keys, name)
     matrix = _to_model(tags, name)
-    # Coordinates are those of the pixels' corners unless the raster says that its pixels are points.
+    # Coordinates are those of the pixels' corners unless the raster states that its pixels are points.
     half = 0.0 if keys.get(RASTER_TYPE, 1) == 2 else 0.5
     matrix = matrix @ np.array([[1, 0, half], [0, 1, half], [0, 0, 1]])
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-18:
@@ -182,7 +182,7 @@ def _grid(tags: dict[int, Any], name: str) -> Grid:
 
 
 def _geo_keys(tags: dict[int, Any], name: str) -> dict[int, int]:
-    """Keys of the directory whose values are in it."""
+    """GeoKeys whose values are in the directory itself."""
     directory = tags.get(GEO_KEYS)
     if directory is None:
         raise ElevationError(f"'{name}' has no GeoKeyDirectory: a TIFF without coordinates; expected GeoTIFF")

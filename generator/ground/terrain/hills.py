@@ -22,19 +22,19 @@ def terrain_panorama(
     rng: np.random.Generator,
     glow_cd_m2: float,
 ) -> Panorama:
-    """Panorama of the ground around a place, and of skylines over it.
+    """Panorama of the terrain around a place, and of skylines in front of it.
 
     Parameters
     ----------
     elevation : Elevation
     place : (latitude, longitude)
-        Geodetic, deg.
+        Geodetic position, deg.
     eye_height_m : float
-        Over the raster's ground at the place.
+        Height above the raster's ground at the place.
     skylines : sequence of str
-        Drawn in front, in their order.
+        Skylines drawn in front, in this order.
     rng : Generator
-        For the texture and the skylines.
+        Random generator for the texture and the skylines.
     glow_cd_m2 : float
 
     Raises
@@ -53,11 +53,11 @@ def _draw(canvas: Canvas, elevation: Elevation, place: tuple[float, float], eye_
     seen = outlook(elevation, place, eye_height_m, canvas.azimuth_deg, canvas.altitude_deg)
     patch = canvas.whole(-90.0, float(seen.edge_deg.max()))
     alpha = covered(seen.edge_deg[None, :], patch.altitude_deg[:, None], canvas.step_deg)
-    # The uppermost texels are hidden in part, by ground that does not reach their middles.
+    # The uppermost texels are partly hidden by ground that does not reach their centres.
     distance = seen.distance_m[patch.rows]
     nearest = np.where(np.isfinite(distance), distance, np.roll(distance, -1, axis=0))
     nearest = np.where(np.isfinite(nearest), nearest, 0.0)
-    # Closer than the raster's steps the ground is a plane.
+    # Closer than the raster's step, the ground is a plane.
     down = np.sin(np.radians(np.maximum(-patch.altitude_deg, 1e-3)))[:, None]
     flat = np.where(patch.altitude_deg[:, None] < 0, eye_height_m / down, np.inf)
     speckle = 1 + 0.2 * smooth_noise(canvas.rng, patch.shape, 2.0)

@@ -1,9 +1,9 @@
-"""What of the ground is seen from a place: the nearest surface in each direction, over a curved Earth and through its air.
+"""The ground seen from a place: the nearest surface in each direction, over a curved Earth and through its air.
 
-A point of height h at the angle theta from the observer, seen from the Earth's centre, has the elevation
-atan((r cos theta - r0) / (r sin theta)), where r = R + h. The air bends light towards the Earth: a ray near the ground is an
-arc whose curvature is k = 0.13 of the Earth's (Gauss 1826; Torge & Mueller 2012, "Geodesy", 4th ed., section 5.1), so that
-light is straight over an Earth of radius R / (1 - k). R is the mean radius of curvature at the observer, root of M N.
+A point of height h at the angle theta from the observer, seen from the Earth's centre, has the elevation atan((r cos
+theta - r0) / (r sin theta)), where r = R + h. The air bends light towards the Earth: a ray near the ground is an arc
+whose curvature is k = 0.13 of the Earth's (Gauss 1826; Torge & Mueller 2012, "Geodesy", 4th ed., section 5.1), so that
+light is straight over an Earth of radius R / (1 - k). R is the mean radius of curvature at the observer, the root of M N.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from generator.places.wgs84 import curvature_radii_m
 Floats = NDArray[np.float64]
 
 REFRACTION_COEFFICIENT = 0.13
-"""Curvature of light over that of the Earth; by day near warm ground less, by night near cold ground more."""
+"""Curvature of light relative to that of the Earth; less by day near warm ground, more by night near cold ground."""
 FARTHEST_M = 200_000.0
 MOST_STEPS = 6000
 NODE_M = 1000.0
-"""Between places at which the map's coordinates are computed; chords are within 0.1 m of them below 75 deg of latitude."""
+"""Distance between places at which the map's coordinates are computed; chords deviate by at most 0.1 m below 75 deg of
+latitude."""
 STEPS_AT_ONCE = 64
 _WGS84 = 1
 
@@ -36,9 +37,9 @@ class Outlook:
     Attributes
     ----------
     edge_deg : (columns,) array
-        Elevation of the highest ground in each azimuth; -90 where there is none.
+        Elevation of the highest ground at each azimuth; -90 if there is none.
     distance_m : (rows, columns) float32 array
-        Of the nearest ground in each direction, along the ground; infinite where there is none.
+        Distance of the nearest ground in each direction, along the ground; infinite if there is none.
     ground_m : float
         Height of the ground at the place.
     """
@@ -57,11 +58,11 @@ def elevation_angle_deg(distance_m: Floats, height_m: Floats, eye_m: float, radi
     eye_m : float
         Height of the observer.
     radius_m : float
-        Of the Earth, without refraction.
+        Radius of the Earth, without refraction.
     """
     effective = radius_m / (1 - REFRACTION_COEFFICIENT)
     angle = distance_m / effective
-    # r cos theta - r0 without the loss of digits of a difference of radii.
+    # r cos theta - r0, without the loss of digits in a difference of radii.
     up = height_m - eye_m - 2 * (effective + height_m) * np.sin(angle / 2) ** 2
     return np.degrees(np.arctan2(up, (effective + height_m) * np.sin(angle)))
 
@@ -75,12 +76,12 @@ def outlook(
     ----------
     elevation : Elevation
     place : (latitude, longitude)
-        Geodetic, deg.
+        Geodetic position, deg.
     eye_height_m : float
-        Over the raster's ground at the place.
+        Height above the raster's ground at the place.
     azimuth_deg : (columns,) array
     altitude_deg : (rows,) array
-        Evenly spaced, from above down.
+        Altitudes, evenly spaced, from top to bottom.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def outlook(
     edge = np.full(len(azimuth_deg), -90.0)
     nearest = np.full((len(altitude_deg), len(azimuth_deg)), np.inf, np.float32)
     rise = (altitude_deg[0] - altitude_deg[-1]) / (len(altitude_deg) - 1)
-    # From far to near, so that the nearest one of each direction is what stays.
+    # From far to near, so that the nearest ground in each direction remains.
     for first in range(0, len(distances), STEPS_AT_ONCE)[::-1]:
         away = distances[first : first + STEPS_AT_ONCE]
         cell = np.minimum((away / NODE_M).astype(np.intp), len(node) - 2)
@@ -107,17 +108,17 @@ def outlook(
         at = (c[cell] * (1 - part) + c[cell + 1] * part for c in (columns, rows))
         seen = elevation_angle_deg(away[:, None], elevation.at(*at), ground + eye_height_m, radius)
         edge = np.fmax(edge, np.fmax.reduce(seen, axis=0))
-        # The uppermost row whose middle this ground hides.
+        # The uppermost row whose centre this ground hides.
         top = np.ceil((altitude_deg[0] - seen) / rise)
         hit, ray = np.nonzero(top < len(altitude_deg))
         line = np.maximum(top[hit, ray], 0).astype(np.intp)
         np.minimum.at(nearest, (line, ray), away[hit].astype(np.float32))
-    # What stands before a row also stands before all rows below it.
+    # Anything in front of a row is also in front of all rows below it.
     return Outlook(edge, np.minimum.accumulate(nearest, axis=0), ground)
 
 
 def _reach_and_step(elevation: Elevation, place: tuple[float, float], radius_m: float) -> tuple[float, float]:
-    """How far to follow the ground, to the raster's farthest corner, and the steps, half a pixel; m."""
+    """Distance over which to follow the ground, to the raster's farthest corner, and the step, half a pixel; m."""
     ny, nx = elevation.height_m.shape
     there = _along_azimuths(place, np.array([0.0, 90.0]), np.array([0.0, 100.0]), radius_m)
     column, row = elevation.grid.pixel(*there)
@@ -141,7 +142,7 @@ def _along_azimuths(
     north = np.cross(up, east)
     turn = np.radians(azimuth_deg)[:, None]
     level = np.sin(turn) * east + np.cos(turn) * north
-    # Points of the horizontal plane above the ground at these distances lie in the vertical planes of the azimuths.
+    # Points of the horizontal plane above the ground at these distances are in the vertical planes of the azimuths.
     points = (
         erfa.gd2gc(_WGS84, longitude, latitude, 0.0) + radius_m * np.tan(distance_m / radius_m)[:, None, None] * level
     )

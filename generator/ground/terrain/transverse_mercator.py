@@ -1,8 +1,8 @@
 """Universal Transverse Mercator coordinates on the ellipsoid WGS84.
 
-Krueger's series in the third flattening to the fourth order, which is good to a micrometre in a zone (Krueger 1912; Karney
-2011, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85, 475, eqs. 7 to 11, 14, 35). The ellipsoid
-GRS80 of ETRS89 and NAD83 differs by 0.1 mm.
+It is Krueger's series in the third flattening to the fourth order, accurate to a micrometre within a zone (Krueger 1912;
+Karney 2011, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85, 475, eqs. 7 to 11, 14, 35). The
+ellipsoid GRS80 of ETRS89 and NAD83 differs by 0.1 mm.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from generator.scenario.strict import Strict
 
 
 class LampSpec(Strict):
-    """A lamp in front of the sky and of everything else; its glare is that of the lens."""
+    """A lamp in front of the sky and of everything else; the lens produces its glare."""
 
     azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
     altitude_deg: Annotated[float, Field(ge=-90, le=90)]

@@ -25,44 +25,46 @@ Angle = Annotated[float, Field(ge=-360, le=360)]
 LEAST_REFLECTANCE = 1e-3
 Skyline = Literal["hills", "forest", "roofs", "masts", "street"]
 OF_PICTURES = {"projection", "azimuth_deg", "top_deg", "bottom_deg", "fov_deg", "mirrored", "glow_file"}
-"""Keys that a package has of its own."""
+"""Keys of pictures, which a package does not take because it contains its own values."""
 
 
 class LandscapeSpec(Strict):
-    """What stands around the camera: a picture whose transparent parts show the sky, or drawn; lit by the night."""
+    """Surroundings of the camera, lit by the night: a picture whose transparent parts show the sky, or a drawn landscape."""
 
     file: File | None = None
     """Picture with transparency (PNG, TIFF, WebP; OpenEXR of linear values), or a landscape package of Stellarium (.zip)."""
     dem: File | None = None
-    """In place of a file: elevation raster (GeoTIFF, metres, in geographic or UTM coordinates) that holds the site; its
-    ground is drawn as it is seen from there."""
+    """Instead of a file: elevation raster (GeoTIFF, metres, in geographic or UTM coordinates) that contains the site; the
+    terrain is drawn as seen from there."""
     skyline: Annotated[tuple[Skyline, ...], BeforeValidator(listed), Field(max_length=8)] = ()
-    """Without a file, or before an elevation raster: what is drawn from random numbers, from far to near, of hills, forest,
-    roofs, masts and street."""
+    """Without a file, or in front of an elevation raster: random scenery to draw, from far to near: hills, forest, roofs,
+    masts and street."""
     variant: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
-    """Number of the skyline among those of the scenario's seed."""
+    """Number of the skyline among those that the scenario's seed can produce."""
     projection: Literal["equirectangular", "fisheye"] = "equirectangular"
-    """Of the picture: once around in equal steps, or a disk with the zenith in its middle."""
+    """Projection of the picture: once around in equal steps, or a disk with the zenith at its centre."""
     azimuth_deg: Angle = 0.0
-    """At the left edge of an equirectangular picture; at the top of a fisheye picture."""
+    """Azimuth at the left edge of an equirectangular picture, or at the top of a fisheye picture, deg."""
     top_deg: Annotated[float, Field(gt=-90, le=90)] = 90.0
-    """Altitude of an equirectangular picture's upper edge."""
+    """Altitude of the upper edge of an equirectangular picture, deg."""
     bottom_deg: Annotated[float, Field(ge=-90, lt=90)] = -90.0
-    """Altitude of its lower edge."""
+    """Altitude of the lower edge of an equirectangular picture, deg."""
     fov_deg: Annotated[float, Field(gt=0, le=360)] = 180.0
-    """Across the circle that touches a fisheye picture's nearer edges."""
+    """Field of view across the circle that touches the nearer edges of a fisheye picture, deg."""
     mirrored: bool = False
-    """Whether a fisheye picture has east on the right where north is up, as a map; else it is as one sees it looking up."""
+    """Whether a fisheye picture with north up has east on the right, as a map has; otherwise it is as seen when looking
+    up."""
     reflectance: Fraction = 1.0
-    """Of the picture's white (of the value 1 in OpenEXR), diffuse; its other colours in proportion."""
+    """Diffuse reflectance of the picture's white (of the value 1 in OpenEXR); that of its other colours is in proportion."""
     glow_file: File | None = None
-    """Picture of the same size and projection, of the light that the landscape gives by itself (windows, signs)."""
+    """Picture of the same size and projection that shows the light emitted by the landscape itself (windows, signs)."""
     glow_cd_m2: Annotated[float, Field(ge=0, le=1e6)] = 10.0
     """Luminance of that picture's white (of the value 1 in OpenEXR), cd/m^2."""
     eye_height_m: Annotated[float, Field(gt=0, le=10000)] = 1.6
-    """Of the camera over the ground, for the light of lamps on it and for the view over an elevation raster, m."""
+    """Height of the camera above the ground, for the light of lamps on the ground and for the view over an elevation
+    raster, m."""
     distance_m: Annotated[float, Field(ge=1, le=1e6)] = 50.0
-    """Of what stands above the horizon, for the light of lamps on it, m."""
+    """Distance of everything above the horizon, for the light that lamps cast on it, m."""
 
     @model_validator(mode="after")
     def _readable(self) -> LandscapeSpec:
@@ -80,7 +82,7 @@ class LandscapeSpec(Strict):
         return self
 
     def place(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float] | None:
-        """A site where the landscape depends on it, else None."""
+        """The site if the landscape depends on it, else None."""
         return None if self.dem is None else (latitude_deg, longitude_deg)
 
     @property
@@ -91,19 +93,19 @@ class LandscapeSpec(Strict):
 
 @functools.lru_cache(maxsize=2)
 def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float] | None = None) -> Panorama:
-    """The panorama of a landscape; what is drawn depends on the scenario's seed (stream ``landscape``).
+    """Return the panorama of a landscape; drawn parts depend on the scenario's seed (stream ``landscape``).
 
     Parameters
     ----------
     spec : LandscapeSpec
     seed : int
     place : (latitude, longitude)
-        Of the camera, deg, for an elevation raster.
+        Place of the camera, deg, for an elevation raster.
 
     Raises
     ------
     PictureError, PackageError, ElevationError
-        A file that cannot be used.
+        A file cannot be used.
     """
     if spec.dem is not None:
         if place is None:
@@ -118,7 +120,7 @@ def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float
     if spec.is_package:
         panorama = read_landscape(Path(spec.file.location), spec.file.path)
         return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
-    # No surface reflects more light than it gets.
+    # No surface reflects more light than it receives.
     picture, white = _picture(spec.file, 1 / max(spec.reflectance, LEAST_REFLECTANCE))
     glow, shine = (None, 1.0) if spec.glow_file is None else _picture(spec.glow_file, None)
     if glow is not None and spec.glow_file is not None and glow.shape != picture.shape:
@@ -134,7 +136,7 @@ def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float
 
 
 def _picture(file: InputFile, most: float | None) -> tuple[Bytes, float]:
-    """A picture as encoded in sRGB, and the linear value of its white, 1 unless its format knows larger ones."""
+    """Return a picture encoded in sRGB, and the linear value of its white: 1 unless its format supports larger ones."""
     if file.path.lower().endswith(".exr"):
         linear = read_linear(Path(file.location), file.path, most)
         return linear.rgba, linear.white
@@ -143,7 +145,7 @@ def _picture(file: InputFile, most: float | None) -> tuple[Bytes, float]:
 
 @functools.lru_cache(maxsize=1)
 def elevation_of(file: InputFile) -> Elevation:
-    """An elevation raster.
+    """Read an elevation raster.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Numbers and keys of a lens beside its projection."""
+"""Properties of a lens other than its projection."""

@@ -1,4 +1,4 @@
-"""The ``drift`` section: how lens and mount wander from what is known of them."""
+"""The ``drift`` section: how lens and mount deviate from their known calibration."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from generator.scenario.strict import Strict
 
 
 class DriftSpec(Strict):
-    """Differences between the camera that takes the frames and the one that solvers are told of.
+    """Differences between the camera that takes the frames and the calibration that solvers receive.
 
-    The scenario's camera and attitude are what is told. Each quantity wanders as a stationary Gaussian process in time whose
-    correlation falls as exp(-|t| / time constant), the same for all frames of a scenario by its seed; temperature moves the
-    lens in proportion.
+    Solvers receive the scenario's camera and attitude. Each quantity wanders as a stationary Gaussian process in time
+    whose correlation falls as exp(-|t| / time constant); the scenario's seed determines the same process for all its
+    frames. Temperature changes the lens in proportion.
     """
 
     time_constant_h: Annotated[float, Field(ge=0.02, le=100_000)] = 24.0
-    """Correlation time of all that wanders, hours: 24 makes nights differ, and hours of a night nearly the same."""
+    """Correlation time of all drifts, hours: with 24, nights differ, and hours within a night are nearly the same."""
     focal_ppm: Annotated[float, Field(ge=0, le=100_000)] = 0.0
     """Standard deviation of the focal length, parts per million."""
     principal_point_px: Annotated[float, Field(ge=0, le=1000)] = 0.0

@@ -1,4 +1,4 @@
-"""Decentring of a lens and tilt of its sensor: what happens to normalised image coordinates after the radial mapping.
+"""Decentring of a lens and tilt of its sensor, applied to normalised image coordinates after the radial mapping.
 
 The terms are those of OpenCV's 12 and 14 coefficients (``cv::projectPoints``), for every lens model. With (a, b) the
 coordinates that they take, q = a^2 + b^2, and (a', b') those they return:
@@ -13,7 +13,7 @@ homography (a'', b'', 1) ~ H (a', b', 1), H = [[R33, 0, -R13], [0, R33, -R23], [
 The pinhole models take the terms as functions of the undistorted coordinates x/z, y/z and add the displacement to the
 radially distorted ones, as OpenCV does; the fisheyes take (a, b) = g(theta) (cos phi, sin phi) itself.
 
-The functions consist of arithmetic alone and serve NumPy's and Dr.Jit's numbers alike.
+The functions use only arithmetic, so they work on arrays of both NumPy and Dr.Jit.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def displacement(a: Any, b: Any, p: Sequence[Any], s: Sequence[Any]) -> tuple[An
 
 
 def displacement_slopes(a: Any, b: Any, p: Sequence[Any], s: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
-    """Derivatives of the displacement: of its first part by a and b, then of its second."""
+    """Derivatives of the displacement: of its first component with respect to a and b, then of its second."""
     p1, p2 = p
     across = 2 * p1 * a + 2 * p2 * b
     aa, bb = 2 * p1 * b + 6 * p2 * a, 6 * p1 * b + 2 * p2 * a
@@ -62,7 +62,7 @@ def tilt_matrix(tau_x: float, tau_y: float) -> NDArray[np.float64]:
 
 
 def through(matrix: Sequence[Sequence[Any]], a: Any, b: Any) -> tuple[Any, Any, Any]:
-    """A point under a homography, and the third coordinate, which is positive in front."""
+    """Apply a homography to a point; returns the mapped point and the third coordinate, which is positive in front."""
     third = matrix[2][0] * a + matrix[2][1] * b + matrix[2][2]
     return (
         (matrix[0][0] * a + matrix[0][1] * b + matrix[0][2]) / third,

@@ -1,10 +1,10 @@
-"""Centred lenses by their surfaces, and their ghosts to first order.
+"""Centred lenses described by their surfaces, and their ghosts to first order.
 
-A ghost is light that surface j reflects back and surface i, in front of it, reflects forward again. Near the axis its way is
-a product of matrices that act on a ray's height and reduced angle (Gerrard & Burch 1975, Introduction to Matrix Methods in
-Optics, chapter 2; ghosts by them: Lee & Eisemann 2013, Computer Graphics Forum 32(4), 1; Hullin et al. 2011, ACM Transactions
-on Graphics 30(4), 108). On the sensor it is a disk, the image of the pupil; its middle is proportional to the slope of the
-light.
+A ghost is light that surface j reflects back and surface i, in front of it, reflects forward again. Near the axis its
+path is a product of matrices that act on a ray's height and reduced angle (Gerrard & Burch 1975, Introduction to Matrix
+Methods in Optics, chapter 2; applied to ghosts: Lee & Eisemann 2013, Computer Graphics Forum 32(4), 1; Hullin et al.
+2011, ACM Transactions on Graphics 30(4), 108). On the sensor it is a disk, the image of the pupil; the position of its
+centre is proportional to the slope of the light.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Surface:
     Attributes
     ----------
     radius_mm : float
-        Of curvature, positive where the centre lies behind it; inf for a plane.
+        Radius of curvature, positive if the centre is behind the surface; inf for a plane.
     thickness_mm : float
-        Along the axis to the next surface.
+        Distance along the axis to the next surface.
     index : float
         Refractive index behind it.
     """
@@ -47,8 +47,8 @@ class Prescription:
     ----------
     title, source : str
     surfaces : tuple of Surface
-        From the front; the aperture stop is a plane between equal indices. The last thickness is replaced by the distance to
-        the focus.
+        Surfaces from the front; the aperture stop is a plane between equal indices. The last thickness is replaced by
+        the distance to the focus.
     stop : int
         Index of the stop among them.
     f_number : float
@@ -68,13 +68,13 @@ class FirstOrderGhost:
     Attributes
     ----------
     front, back : int
-        The surfaces that reflect; `back` may be the sensor, numbered after the last surface.
+        The reflecting surfaces; `back` may be the sensor, numbered after the last surface.
     share : float
-        Of the light.
+        Its fraction of the light.
     shift_mm : float
-        Of its middle from the axis per unit of the light's slope.
+        Distance of its centre from the axis per unit of the light's slope.
     diameter_mm : float
-        Of the disk.
+        Diameter of the disk.
     """
 
     front: int
@@ -132,21 +132,21 @@ def refraction(surface: Surface, before: float, after: float) -> Floats:
 
 
 def reflection(surface: Surface, index: float, backward: bool) -> Floats:
-    """Matrix of a reflection in a medium; `backward`: of light that travels towards the front.
+    """Matrix of a reflection in a medium; `backward` is true for light that travels towards the front.
 
-    Slopes are of height over the way travelled along the axis.
+    Slopes are height per distance travelled along the axis.
     """
     sign = -1.0 if backward else 1.0
     return np.array([[1.0, 0.0], [2 * sign * index / surface.radius_mm, 1.0]])
 
 
 def gap(length_mm: float, index: float) -> Floats:
-    """Matrix of a way between surfaces."""
+    """Matrix of the path between surfaces."""
     return np.array([[1.0, length_mm / index], [0.0, 1.0]])
 
 
 def focused(lens: Prescription) -> tuple[Prescription, float]:
-    """The lens with its sensor at the focus of distant points, and its focal length, mm."""
+    """Return the lens with its sensor at the focus of distant points, and its focal length, mm."""
     way = np.eye(2)
     n = indices(lens)
     for number, surface in enumerate(lens.surfaces):
@@ -160,7 +160,7 @@ def focused(lens: Prescription) -> tuple[Prescription, float]:
 
 
 def ghost_way(lens: Prescription, front: int, back: int) -> list[tuple[int, Floats]]:
-    """The way of a ghost: matrices in the order of the light, each with the surface after which it stands, or -1."""
+    """Return the path of a ghost: matrices in the order of the light, each with the surface that it follows, or -1."""
     n = indices(lens)
     surfaces = lens.surfaces
     way: list[tuple[int, Floats]] = []
@@ -175,7 +175,7 @@ def ghost_way(lens: Prescription, front: int, back: int) -> list[tuple[int, Floa
     way.append((back, reflection(mirror, n[back], backward=False)))
     for number in range(back - 1, front, -1):
         way.append((-1, gap(surfaces[number].thickness_mm, n[number + 1])))
-        # Light that travels to the front meets a surface whose centre lies on the other side.
+        # Light that travels to the front meets the surface from the other side, so its radius changes sign.
         turned = Surface(-surfaces[number].radius_mm, 0.0, 1.0)
         way.append((number, refraction(turned, n[number + 1], n[number])))
     way.append((-1, gap(surfaces[front].thickness_mm, n[front + 1])))
@@ -194,9 +194,10 @@ def first_order_ghosts(
     ----------
     lens : Prescription
     coating_reflectance : float or None
-        Of surfaces between glass and air; None: without coating, by Fresnel's law. Cemented surfaces have none.
+        Reflectance of surfaces between glass and air; None means no coating, so that Fresnel's law applies. Cemented
+        surfaces have no coating.
     sensor_reflectance : float
-        Of the sensor and its window; 0: ghosts between surfaces of the lens alone.
+        Reflectance of the sensor and its window; if 0, there are only ghosts between surfaces of the lens.
     """
     placed, focal_mm = focused(lens)
     n = indices(placed)
@@ -205,7 +206,7 @@ def first_order_ghosts(
     reflectance = bare if coating_reflectance is None else np.where(air & (bare > 0), coating_reflectance, bare)
     mirrors = np.append(reflectance, sensor_reflectance)
     pupil_mm = focal_mm / lens.f_number
-    # Rays through the entrance pupil's middle meet the stop at height 0.
+    # Rays through the centre of the entrance pupil meet the stop at height 0.
     to_stop = np.eye(2)
     for number, surface in enumerate(placed.surfaces[: placed.stop]):
         to_stop = gap(surface.thickness_mm, n[number + 1]) @ refraction(surface, n[number], n[number + 1]) @ to_stop
@@ -222,7 +223,7 @@ def first_order_ghosts(
                 total = step @ total
                 if number == placed.stop:
                     widest = max(widest, abs(total[0, 0]) * pupil_mm)
-            # The stop cuts off what is wider than itself at any of the passes.
+            # The stop cuts off rays beyond its edge at each of the passes.
             kept = stop_mm / widest
             shift = total[0, 1] + total[0, 0] * chief
             found.append(

@@ -26,7 +26,7 @@ class MoffatSpec(Strict):
 class ZernikeSpec(Strict):
     """A term of the wavefront: waves x Zernike polynomial x (field position along u)^u_power x (along v)^v_power.
 
-    Field positions are from the principal point over the corner's distance.
+    Field positions are measured from the principal point and divided by the distance of the corner.
     """
 
     noll: Annotated[int, Field(ge=4, le=37)]
@@ -40,10 +40,11 @@ class ZernikeSpec(Strict):
 
 
 class DiffractionSpec(Strict):
-    """A circular pupil with aberrations that grow from the axis; Airy's pattern without them.
+    """A circular pupil with aberrations that grow from the axis; without aberrations, Airy's pattern.
 
-    Wavefront in waves at 550 nm over the unit pupil (Noll's normalised Zernike polynomials, rms): defocus Z4 everywhere,
-    coma Z7/Z8 along the field's radius growing with it, astigmatism Z5/Z6 growing with its square; stated for the corner.
+    The wavefront is in waves at 550 nm over the unit pupil (Noll's normalised Zernike polynomials, rms): defocus Z4 is
+    the same everywhere, coma Z7/Z8 along the field's radius grows with the radius, and astigmatism Z5/Z6 with its
+    square. The values are those at the corner.
     """
 
     f_number: Annotated[float, Field(ge=0.7, le=64)]
@@ -59,7 +60,7 @@ class DiffractionSpec(Strict):
 
     @property
     def varies(self) -> bool:
-        """Whether it differs over the field."""
+        """Whether it varies over the field."""
         return bool(self.coma_waves or self.astigmatism_waves) or any(
             term.waves and (term.u_power or term.v_power) for term in self.zernike
         )
@@ -70,12 +71,13 @@ Curve = Annotated[tuple[Point, ...], Field(min_length=1, max_length=64), BeforeV
 
 
 class FieldGaussianSpec(Strict):
-    """A Gaussian that widens off axis: standard deviations along and across the field's radius, by the angle off axis."""
+    """A Gaussian that widens off axis: standard deviations along and across the field's radius, as functions of the angle."""
 
     radial_sigma_px: Curve
-    """Points [deg off axis, px], increasing angles; linear between them and constant beyond."""
+    """Points [deg off axis, px] of the standard deviation along the radius, at increasing angles; linear between them and
+    constant beyond."""
     tangential_sigma_px: Curve
-    """The same across the radius."""
+    """Points [deg off axis, px] of the standard deviation across the radius."""
 
     @model_validator(mode="after")
     def _ordered(self) -> FieldGaussianSpec:
@@ -95,12 +97,12 @@ class FieldGaussianSpec(Strict):
 
 
 class PixelSpec(Strict):
-    """Response within a pixel, normalised to a mean of 1: the quantum efficiency holds what is insensitive."""
+    """Response within a pixel, normalised to a mean of 1, because the quantum efficiency accounts for insensitive parts."""
 
     sensitive_width: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Part of the pixel's width that is sensitive to light."""
+    """Fraction of the pixel's width that is sensitive to light."""
     sensitive_height: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Part of its height."""
+    """Fraction of the pixel's height that is sensitive to light."""
     diffusion_sigma_px: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Standard deviation of the charge's diffusion before it is collected, px."""
 
@@ -134,7 +136,8 @@ class PsfSpec(Strict):
     pixel: PixelSpec | None = Field(default=None, exclude_if=lambda given: given is None)
     """Response within a pixel; an even one over the whole pixel unless given."""
     lateral_chromatic_px: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """How much further from the principal point 650 nm falls than 450 nm, at the frame's corner, px; linear in both."""
+    """Distance by which 650 nm falls further from the principal point than 450 nm at the frame's corner, px; linear in both
+    wavelength and distance."""
     support_px: Annotated[int, Field(ge=2, le=60)] = 12
     """Half width (along u and v) of the square around a star within which its light is drawn, px."""
 
@@ -156,7 +159,7 @@ class PsfSpec(Strict):
 
     @property
     def varies(self) -> bool:
-        """Whether it differs over the field."""
+        """Whether it varies over the field."""
         if self.stack is not None or self.field_gaussian is not None:
             return True
         return self.diffraction is not None and self.diffraction.varies

@@ -54,7 +54,7 @@ def read_stack(file: InputFile, oversampling: int) -> NDArray[np.float64]:
 
 
 def _check_shape(shape: tuple[int, ...], oversampling: int) -> None:
-    """Judge the shape that a header states, before anything is decoded."""
+    """Check the shape that a header states, before anything is decoded."""
     if len(shape) != 3 or shape[1] != shape[2] or shape[1] % 2 == 0 or not 1 <= shape[0] <= MOST_FUNCTIONS:
         raise StackError(
             f"found shape {shape}, expected (n, side, side) with an odd side and n from 1 to {MOST_FUNCTIONS}"
@@ -85,7 +85,7 @@ def _read_exr(name: Path, oversampling: int) -> NDArray[np.float64]:
     import OpenEXR
 
     with OpenEXR.File(str(name), separate_channels=True, header_only=True) as content:
-        # All parts are decoded, whatever the first one says.
+        # The reader decodes all parts, whatever the first one says.
         if len(content.parts) != 1:
             raise StackError(f"found {len(content.parts)} parts, expected one with a channel per function")
         header = content.header()

@@ -1,4 +1,4 @@
-"""Keys of the ``camera`` section about light that the lens sends astray."""
+"""Keys of the ``camera`` section for stray light in the lens."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ LARGEST_MAGNIFICATION = 10.0
 class BloomSpec(Strict):
     """Light that surfaces and dust of the lens scatter into wings (1 + (r / core_px)^2)^(-slope / 2) around its source.
 
-    The wings of everything that shines: stars, planets, the Moon, lamps, the diffuse sky, in the frame and around it.
+    Everything that shines has wings: stars, planets, the Moon, lamps and the diffuse sky, in the frame and around it.
     """
 
     share: Annotated[float, Field(ge=0, le=0.6)] = 0.05
-    """Of the light, 0-0.6; 0 turns the wings off."""
+    """Fraction of the light, 0-0.6; 0 turns the wings off."""
     core_px: Annotated[float, Field(ge=0.5, le=100)] = 4.0
     """Radius at which the wings begin, px."""
     slope: Annotated[float, Field(ge=1, le=6)] = 2.4
@@ -34,11 +34,11 @@ class GhostSpec(Strict):
     """Light reflected twice in the lens: an even disk at a multiple of the point's distance from the principal point."""
 
     share: Annotated[float, Field(gt=0, le=0.1)]
-    """Of the light, 0-0.1."""
+    """Fraction of the light, 0-0.1."""
     magnification: Annotated[float, Field(ge=-10, le=10)]
     """The disk's distance from the principal point over the point's own; negative on the other side."""
     diameter_px: Annotated[float, Field(ge=2, le=500)]
-    """Of the disk, px; at least twice the magnification."""
+    """Diameter of the disk, px; at least twice the magnification."""
 
     @model_validator(mode="after")
     def _without_gaps(self) -> GhostSpec:
@@ -48,10 +48,10 @@ class GhostSpec(Strict):
 
 
 class DewSpec(BloomSpec):
-    """Droplets in front of the lens: wings as those of `bloom`, wide and steep."""
+    """Droplets in front of the lens: wings like those of `bloom`, wide and steep."""
 
     share: Annotated[float, Field(ge=0, le=0.5)] = 0.3
-    """Of the light, 0-0.5."""
+    """Fraction of the light, 0-0.5."""
     core_px: Annotated[float, Field(ge=0.5, le=100)] = 30.0
     """Radius at which the wings begin, px: about the angle of diffraction by a droplet, 0.6 degrees at 50 micrometres."""
     slope: Annotated[float, Field(ge=1, le=6)] = 3.0
@@ -64,49 +64,49 @@ class DustSpec(Strict):
     specks: Annotated[int, Field(ge=1, le=10_000)]
     """Number of specks over the frame."""
     diameter_px: Annotated[float, Field(ge=2, le=500)] = 40.0
-    """Of their shadows, px; they vary by 30 %."""
+    """Mean diameter of their shadows, px; diameters vary by 30 %."""
     mean_depth: Annotated[float, Field(gt=0, le=0.5)] = 0.02
-    """Mean part of the light that a shadow takes in its middle."""
+    """Mean fraction of the light that the centre of a shadow loses."""
 
 
 class ScratchSpec(Strict):
     """Scratches of a dome: streaks of light around bright sources. Short and wide ones are specks of dirt."""
 
     number: Annotated[int, Field(ge=1, le=50_000)]
-    """Over the frame; few shine at a time."""
+    """Number of scratches over the frame; few shine at a time."""
     length_px: Annotated[float, Field(ge=1, le=100)] = 12.0
     """Mean of their lengths, px."""
     width_px: Annotated[float, Field(ge=0.5, le=20)] = 1.5
     """Standard deviation of their profile, px."""
     strength: Annotated[float, Field(gt=0, le=1e-2)] = 1.4e-5
-    """Mean share of a source's light in a streak beside it that shines in full."""
+    """Mean fraction of a source's light in an adjacent streak of full brightness."""
     lobe_deg: Annotated[float, Field(ge=2, le=180)] = 25.0
-    """Standard deviation of the directions, around the scratch, from which light makes it shine."""
+    """Standard deviation of the directions around a scratch from which light makes it shine."""
     # Left out of the scenario's hash unless given, as if the keys did not exist.
     core_deg: Annotated[float, Field(ge=1, le=180)] = Field(default=25.0, exclude_if=lambda core: core == 25.0)
-    """Angle from a source at which they begin to shine less."""
+    """Angle from a source at which scratches begin to shine less."""
     slope: Annotated[float, Field(ge=0, le=6)] = Field(default=4.0, exclude_if=lambda slope: slope == 4.0)
-    """Exponent of the light beyond: (1 + (angle / core_deg)^2)^(-slope / 2)."""
+    """Exponent of the decrease beyond: (1 + (angle / core_deg)^2)^(-slope / 2)."""
     before_lens: bool = Field(default=False, exclude_if=lambda before: not before)
-    """On a dome: the lens' fall off the axis dims them by their own place, not by that of the source."""
+    """Whether they are on a dome: the lens' vignetting then dims them by their own position, not by that of the source."""
 
 
 class BarrelRingSpec(Strict):
     """Light from the inner wall of a lens barrel, or from the rims of lenses: a ring around the principal point."""
 
     radius_px: Annotated[float, Field(gt=0, le=1e5)]
-    """Of its crest, px; in the image circle too, where light falls that a rim reflects."""
+    """Radius of its crest, px; also inside the image circle, for light that a rim reflects."""
     width_px: Annotated[float, Field(ge=1, le=500)] = 8.0
     """Standard deviation of its profile, px."""
     reflectance: Annotated[float, Field(ge=0, le=1)] = 0.02
-    """Of the wall, a Lambert surface lit from the other side and seen by the sensor."""
+    """Reflectance of the wall, a Lambert surface lit from the opposite side and seen by the sensor."""
     # Left out of the scenario's hash unless given, as if the key did not exist.
     near_side: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, exclude_if=lambda part: not part)
-    """Part of the light from the ring's own side that is scattered on into it, in a lobe over the azimuth."""
+    """Fraction of the light from the ring's own side that is scattered onward into it, in a lobe over the azimuth."""
     far_side: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, exclude_if=lambda part: not part)
-    """Part of the light from the other side that a rim throws back into it, in the same lobe."""
+    """Fraction of the light from the opposite side that a rim throws back into it, in the same lobe."""
     even: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, exclude_if=lambda part: not part)
-    """Part of the mean light in front of the lens that reaches all of the ring alike."""
+    """Fraction of the mean light in front of the lens that reaches the whole ring evenly."""
 
     @model_validator(mode="after")
     def _lit(self) -> BarrelRingSpec:
@@ -121,18 +121,18 @@ class GhostLensSpec(Strict):
     design: Design
     """Name of the design."""
     coating_reflectance: Annotated[float, Field(ge=0, le=0.2)] = 0.005
-    """Of each surface between glass and air, 0-1."""
+    """Reflectance of each surface between glass and air, 0-1."""
     sensor_reflectance: Annotated[float, Field(ge=0, le=0.5)] = 0.0
-    """Of the sensor and its window, 0-1."""
+    """Reflectance of the sensor and its window, 0-1."""
     brightest: Annotated[int, Field(ge=1, le=16)] = 6
     """Number of ghosts: those with the brightest disks."""
 
 
 @functools.lru_cache(maxsize=32)
 def ghosts_of(lens: GhostLensSpec, f_px: float, f_number: float | None) -> tuple[GhostSpec, ...]:
-    """The brightest ghosts of a design in a camera, whose focal ratio is the design's unless given.
+    """Return the brightest ghosts of a design in a camera; without `f_number`, the focal ratio is the design's.
 
-    Ghosts that are spread over more than LARGEST_GHOST_PX are left out: they belong to the veiling glare.
+    Ghosts that are spread over more than LARGEST_GHOST_PX are left out, because they belong to the veiling glare.
     """
     design = PRESCRIPTIONS[lens.design]
     _, focal_mm = focused(design)

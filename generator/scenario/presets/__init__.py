@@ -1,1 +1,1 @@
-"""Cameras of the world: their figures, and which of these have no source."""
+"""Real cameras: their properties, and which of these have no source."""

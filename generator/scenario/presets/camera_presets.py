@@ -1,4 +1,4 @@
-"""Cameras by name: ``camera: {preset: imx477-6mm}`` fills the camera's and the sensor's values that are not given."""
+"""Cameras by name: ``camera: {preset: imx477-6mm}`` fills in the values of camera and sensor that are not given."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class CameraPreset:
     ----------
     title : str
     source : str
-        Of its figures; those without one are listed in `generator.scenario.presets.own_values`.
+        Source of its values; values without a source are listed in `generator.scenario.presets.own_values`.
     camera, sensor : mapping of str to object
-        Values of the scenario's two sections; those left out have skybench's defaults.
+        Values of the scenario's two sections; omitted ones have skybench's defaults.
     """
 
     title: str

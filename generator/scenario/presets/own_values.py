@@ -1,4 +1,4 @@
-"""Which values of the camera presets are skybench's own: of the usual size for such a part, without a source."""
+"""Values of the camera presets that are skybench's own: typical of such parts, but without a source."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ OWN_VALUES: dict[str, tuple[str, ...]] = {
         "sensor.black_level_dn", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
     ),
 }  # fmt: skip
-"""Keys by preset. So are skybench's defaults, which a preset does not set."""
+"""Keys by preset. skybench's defaults, which a preset does not set, are also skybench's own."""
 
 
 def labelled(name: str) -> str:
-    """A sentence that lists them."""
+    """Return a sentence that lists the preset's own values."""
     return f"skybench's own, of the usual size: {', '.join(OWN_VALUES[name])}, and all defaults."

@@ -1,1 +1,1 @@
-"""What the camera makes of its raw values: videos, developed pictures, photographs."""
+"""Processing of raw values in the camera: videos, developed pictures, photographs."""

@@ -1,4 +1,4 @@
-"""The scenario's ``sensor.develop`` section: what the camera makes of its raw frame."""
+"""The scenario's ``sensor.develop`` section: development of the raw frame in the camera."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from generator.scenario.processing.video_spec import DenoiseSpec, SharpenSpec
 from generator.scenario.strict import Strict, listed
 
 LARGEST_FACTOR = 1e4
-"""Of a developed picture's exposure."""
+"""Largest exposure factor of a developed picture."""
 
 Exposure = Annotated[
     Annotated[float, Field(gt=0, le=LARGEST_FACTOR), Tag("#factor")] | Annotated[Literal["auto"], Tag("#auto")],
@@ -39,32 +39,33 @@ Name = Annotated[str, AfterValidator(_name)]
 
 
 class GravitySpec(Strict):
-    """A telephone's accelerometer, whose reading its maker writes among the tags."""
+    """A telephone's accelerometer, whose reading the manufacturer writes among the tags."""
 
     form: Literal["apple"] = "apple"
-    """Of the maker note: Apple's, tag 0x0008 (AccelerationVector)."""
-    # Ten milli-g: by so much, rms, the length of the vector differs from 1 in eight photographs whose tags are public.
+    """Form of the maker note: Apple's, tag 0x0008 (AccelerationVector)."""
+    # Ten milli-g is the rms by which the length of the vector differs from 1 in eight photographs whose tags are
+    # public.
     offset_mg: Annotated[float, Field(ge=0, le=200)] = 10.0
     """Rms of each axis' offset, the same in all frames, thousandths of g."""
     noise_mg: Annotated[float, Field(ge=0, le=200)] = 1.0
-    """Rms of each axis' noise, new in every frame, thousandths of g."""
+    """Rms of each axis' noise, different in every frame, thousandths of g."""
 
 
 class PhotoSpec(Strict):
     """A file as a camera writes it, with its tags."""
 
     format: Literal["jpeg", "heif"] = "jpeg"
-    """Of the file; ``heif`` needs the package pillow-heif (``skybench[heif]``)."""
+    """File format; ``heif`` needs the package pillow-heif (``skybench[heif]``)."""
     quality: Annotated[int, Field(ge=1, le=100)] = 90
-    """Of the coding, 1 to 100."""
+    """Quality of the coding, 1 to 100."""
     subsampling: Literal["4:4:4", "4:2:2", "4:2:0"] = "4:2:0"
-    """Of the colours."""
+    """Chroma subsampling."""
     utc_offset: Annotated[str, AfterValidator(_offset)] = "+00:00"
-    """Of the camera's clock from UTC."""
+    """Offset of the camera's clock from UTC."""
     clock_error_s: Annotated[float, Field(ge=-86400, le=86400)] = 0.0
-    """Of the camera's clock: what it shows beyond the true time, s."""
+    """Error of the camera's clock: displayed time minus true time, s."""
     orientation: Annotated[int, Field(ge=1, le=8)] = 1
-    """Tag that says how the stored picture is to be turned; pixels and truth are as stored."""
+    """Orientation tag, which states how to turn the stored picture; pixels and truth are as stored."""
     gps: bool = False
     """Whether the position is among the tags."""
     pointing: bool = False
@@ -77,12 +78,12 @@ class PhotoSpec(Strict):
 
 
 class DevelopSpec(Strict):
-    """An 8-bit picture beside the raw one: demosaicing, white balance, noise reduction, transfer curve, sharpening."""
+    """An 8-bit picture besides the raw one: demosaicing, white balance, noise reduction, transfer curve, sharpening."""
 
     white_balance: Annotated[tuple[float, float, float], BeforeValidator(listed)] | None = None
     """Factors on red, green, blue; grey-world factors unless given."""
     exposure: Exposure = 1.0
-    """Factor before the transfer curve; 1 maps the largest DN to white; ``auto`` chooses one from the frame's own light."""
+    """Factor before the transfer curve; 1 maps the largest DN to white; ``auto`` derives it from the frame's own light."""
     gamma: Gamma = "srgb"
     """Transfer curve: ``srgb``, ``linear``, or g for the light to the power of 1 / g."""
     # These keys are left out of the scenario's hash unless given, as if they did not exist.
@@ -91,4 +92,4 @@ class DevelopSpec(Strict):
     sharpen: SharpenSpec | None = Field(default=None, exclude_if=lambda sharpen: sharpen is None)
     """Unsharp mask after the transfer curve."""
     photo: PhotoSpec | None = Field(default=None, exclude_if=lambda photo: photo is None)
-    """Write a photograph's file with tags as well."""
+    """Also write a photograph file with tags."""

@@ -1,4 +1,4 @@
-"""The scenario's ``sensor.video`` section: an exposure as a pile of video frames."""
+"""The scenario's ``sensor.video`` section: an exposure as a stack of video frames."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 from generator.scenario.strict import Strict, listed
 
 FEWEST_FRAMES, MOST_FRAMES = 3, 256
-"""Of a stack; its frame numbers have 8 bits."""
+"""Number of frames in a stack; its frame numbers have 8 bits."""
 
 
 Factor = Annotated[float, Field(gt=0, le=16)]
@@ -23,59 +23,60 @@ class H264Spec(Strict):
     crf: Annotated[int, Field(ge=0, le=51)] = 23
     """Constant quality by x264's rate factor, where no bit rate is given: 0 is lossless, larger is coarser."""
     keyframe_every: Annotated[int, Field(ge=1, le=1000)] = 50
-    """Frames from one that stands by itself to the next."""
+    """Frames from one key frame, which can be decoded by itself, to the next."""
 
 
 class SharpenSpec(Strict):
     """Unsharp masking."""
 
     amount: Annotated[float, Field(gt=0, le=5)] = 0.5
-    """Of the difference to the blurred picture that is added."""
+    """Factor with which the difference to the blurred picture is added."""
     sigma_px: Annotated[float, Field(ge=0.3, le=20)] = 1.0
-    """Of the blur, px."""
+    """Standard deviation of the blur, px."""
 
 
 class DenoiseSpec(Strict):
-    """Smoothing of what differs little from its surroundings: sigma filter with a Gaussian core."""
+    """Smoothing of small differences from the surroundings: a sigma filter with a Gaussian core."""
 
     sigma_px: Annotated[float, Field(ge=0.3, le=20)] = 1.0
-    """Of the smoothing, px."""
+    """Standard deviation of the smoothing, px."""
     strength: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Part of a small difference to the smoothed picture that is taken away."""
+    """Fraction of a small difference from the smoothed picture that is removed."""
     threshold: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Difference, as a share of white, at which half of that is left alone; everything is smoothed alike unless given."""
+    """Difference, as a fraction of white, at which only half of that fraction is removed; unless given, everything is
+    smoothed alike."""
 
 
 class VideoDenoiseSpec(DenoiseSpec):
-    """The same of a video, which has earlier frames to average with."""
+    """Noise reduction of a video, which can also average with earlier frames."""
 
     temporal: Annotated[float, Field(ge=0, le=0.95)] = 0.0
-    """Share of the frame before in each frame, where the two differ by less than the threshold."""
+    """Weight of the previous frame in each frame, where the two differ by less than the threshold."""
 
 
 class VideoSpec(Strict):
-    """Frames of a video within the exposure, and their stack in place of a single raw image."""
+    """Frames of a video within the exposure, and their stack, which replaces a single raw image."""
 
     frames_per_s: Annotated[float, Field(ge=0.1, le=240)] = 25.0
     """Frames per second; `time.exposure_s` times this is the number of frames, 3 to 256."""
     exposure: Annotated[float, Field(gt=0, le=1e4)] = 1.0
     """Factor before the 8-bit values; 1 maps the largest DN to 255."""
     gamma: Annotated[float, Field(ge=1, le=4)] = 1.0
-    """Transfer curve: 8-bit value by the light to the power of 1 / gamma."""
+    """Transfer curve: the 8-bit value is the light to the power of 1 / gamma."""
     # Left out of the scenario's hash unless given, as if the key did not exist.
     white_balance: Annotated[tuple[Factor, Factor, Factor], BeforeValidator(listed)] | None = Field(
         default=None, exclude_if=lambda factors: factors is None
     )
-    """Of a colour sensor: factors on red, green, blue; those that make the sky grey unless given."""
+    """For a colour sensor, factors on red, green, blue; unless given, those that make the sky grey."""
     denoise: VideoDenoiseSpec | None = None
-    """The camera's noise reduction and scaling, before the 8-bit values."""
+    """The camera's noise reduction and scaling, before conversion to 8-bit values."""
     sharpen: SharpenSpec | None = None
-    """After it."""
+    """Sharpening after the noise reduction."""
     codec: Literal["h264", "none"] = "h264"
-    """The stack is made from decoded frames, or from frames that were never coded."""
+    """Whether the stack is made from decoded frames, or (``none``) from frames that were never coded."""
     h264: H264Spec = H264Spec()
     keep: bool = False
-    """Whether the video is kept beside the stack."""
+    """Whether the video is kept in addition to the stack."""
 
     def count(self, exposure_s: float) -> int:
         """Number of frames in an exposure.
@@ -83,7 +84,7 @@ class VideoSpec(Strict):
         Raises
         ------
         ValueError
-            It is not whole, or out of its limits.
+            The number is not whole, or outside its limits.
         """
         frames = exposure_s * self.frames_per_s
         whole = round(frames)

@@ -1,4 +1,4 @@
-"""Reading paths: waypoints of a scenario, or CSV files with one row per moment."""
+"""Read paths: waypoints of a scenario, or CSV files with one row per moment."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ LAYOUTS = tuple(
         (POSITION, ATTITUDE), (POSITION, QUATERNION), (POSITION, ()), ((), ATTITUDE), ((), QUATERNION),
     )
 )  # fmt: skip
-"""Columns that a file of a path may have."""
+"""Columns that a path file may have."""
 LARGEST_PATH_ROWS = 200_000
-"""Half an hour at 100 Hz, through which a spline takes three seconds to compute."""
+"""Enough for half an hour at 100 Hz, for which a spline takes three seconds to compute."""
 RANGES = {
     "latitude_deg": (-HIGHEST_LATITUDE_DEG, HIGHEST_LATITUDE_DEG), "longitude_deg": (-180, 360), "height_m": (-500, 20000),
     "azimuth_deg": (-360, 360), "altitude_deg": (-90, 90), "roll_deg": (-360, 360),
 }  # fmt: skip
 UNIT_TOLERANCE = 1e-3
-"""Departure of a quaternion's length from 1 that rounding explains."""
+"""Deviation of a quaternion's length from 1 that rounding explains."""
 
 
 class PathError(ValueError):
@@ -45,7 +45,7 @@ class PathError(ValueError):
 
 
 def path_columns(path: PathSpec, utc_start: str) -> Columns:
-    """The path's numbers by column, (k,) each, with times TIME after a start. Raises PathError."""
+    """Return the path's numbers by column, (k,) each, with times TIME after a start. Raises PathError."""
     if path.file is not None:
         origin, columns = read_path(path.file)
         after_s = 0.0 if origin is None else origin.since(Instant.parse(utc_start))
@@ -62,7 +62,7 @@ def read_path(file: InputFile) -> tuple[Instant | None, Columns]:
     Returns
     -------
     origin : Instant or None
-        Instant of the first row, from which times count; None where the file counts from the start of the sequence.
+        Instant of the first row, from which times count; None if the file counts from the start of the sequence.
     columns : dict of (k,) arrays
 
     Raises
@@ -107,7 +107,7 @@ def read_path(file: InputFile) -> tuple[Instant | None, Columns]:
 
 
 class _Clock:
-    """Makes seconds after the first row of UTC."""
+    """Converts UTC times to seconds after the first row."""
 
     def __init__(self) -> None:
         self.origin: Instant | None = None
@@ -120,7 +120,7 @@ class _Clock:
 
 
 def knots_of(columns: Columns, site: SiteSpec | None, attitude: Pointing) -> Knots:
-    """Knots of a path; position or attitude stand still where the columns leave them out."""
+    """Return the knots of a path; position or attitude are constant if the columns leave them out."""
     time = columns.get(TIME, np.zeros(1))
     if POSITION[0] in columns:
         latitude, longitude, height = (columns[name] for name in POSITION)
@@ -135,7 +135,7 @@ def _attitudes(columns: Columns, attitude: Pointing) -> Rotation:
         return Rotation.from_quat(np.stack([columns[name] for name in QUATERNION], axis=-1))
     if ATTITUDE[0] not in columns:
         return Rotation.from_matrix(pointing_matrix(attitude)[None])
-    # As pointing_matrix: about the vertical, then about the camera's horizontal axis, then about the boresight.
+    # As in pointing_matrix: about the vertical, then about the camera's horizontal axis, then about the boresight.
     azimuth, altitude, roll = (columns[name] for name in ATTITUDE)
     level_north = Rotation.from_matrix(pointing_matrix(Pointing(azimuth_deg=0.0, altitude_deg=0.0)))
     return _turn("z", -roll) * _turn("x", -altitude) * level_north * _turn("z", azimuth)

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from generator.scenario.strict import File, Strict, listed
 
 HIGHEST_LATITUDE_DEG = 89.9
-"""Of a path: nearer to a pole, azimuths turn faster than any spline follows."""
+"""Highest latitude of a path: nearer to a pole, azimuths turn faster than any spline can follow."""
 POSITION = ("latitude_deg", "longitude_deg", "height_m")
 ATTITUDE = ("azimuth_deg", "altitude_deg", "roll_deg")
 
@@ -38,10 +38,10 @@ class WaypointSpec(Strict):
 
 
 class PathSpec(Strict):
-    """Position, attitude, or both, over the time of a sequence; what a path does not give stands still as the scenario says.
+    """Position, attitude, or both, over the time of a sequence; whatever a path omits stays constant as the scenario states.
 
-    Splines run through the waypoints: cubic ones of the position, and of the attitude one with continuous angular
-    acceleration, which turns the shorter way from one waypoint to the next.
+    Splines run through the waypoints: cubic ones for the position, and one with continuous angular acceleration for the
+    attitude, which turns the shorter way from one waypoint to the next.
     """
 
     file: File | None = None
@@ -50,7 +50,7 @@ class PathSpec(Strict):
     waypoints: (
         Annotated[tuple[WaypointSpec, ...], Field(min_length=2, max_length=10000), BeforeValidator(listed)] | None
     ) = None
-    """Waypoints, with the same keys in each."""
+    """Waypoints; each has the same keys."""
     ground_height_m: Annotated[float, Field(ge=-500, le=9000)] | None = None
     """Height of the ground that makes the horizon, m, as in site.ground_height_m; at most the camera's at any time."""
 
@@ -110,7 +110,7 @@ class AccelerometerSpec(Strict):
 
 
 class InertialSpec(Strict):
-    """An inertial unit at the camera, aligned with its axes: a table of its readings and their truth for each sequence."""
+    """An inertial unit at the camera, aligned with its axes; each sequence gets a table of its readings and their truth."""
 
     rate_hz: Annotated[float, Field(ge=0.1, le=1e4)] = 200.0
     """Readings per second."""

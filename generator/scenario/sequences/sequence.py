@@ -23,15 +23,15 @@ Floats = NDArray[np.float64]
 
 MOST_FRAMES = 1_000_000
 MOST_READINGS = 5_000_000
-"""Of an inertial unit in a sequence: seven hours at 200 Hz, a table of 1 GB."""
+"""Largest number of readings of an inertial unit in a sequence: seven hours at 200 Hz, a table of 1 GB."""
 MOMENTS_CHECKED = 1000
-"""Of a path, for heights."""
+"""Number of moments of a path at which heights are checked."""
 LOWEST_M, HIGHEST_M = -500.0, 20000.0
 """Heights that a site may have."""
 
 
 class SequenceTimeSpec(TimeSpec):
-    """Start and length of the first exposure, and how the others follow it."""
+    """Start and length of the first exposure, and the interval and number of the exposures."""
 
     every_s: Annotated[float, Field(gt=0, le=86400)]
     """Time from the start of one exposure to the start of the next, s."""
@@ -102,11 +102,11 @@ class SequenceSpec(SceneSpec):
 
     @property
     def length_s(self) -> float:
-        """From the start of the first exposure to the end of the last, s."""
+        """Time from the start of the first exposure to the end of the last, s."""
         return self.start_s(self.time.count - 1) + self.shutter_s
 
     def start_s(self, step: int) -> float:
-        """Start of an exposure after that of the first, s, to the microsecond to which frame records state times."""
+        """Start of an exposure after that of the first, s, rounded to microseconds as the times in frame records."""
         return round(step * self.time.every_s, 6)
 
 
@@ -125,7 +125,7 @@ class Passage:
     start_s, shutter_s : float
         Start of the frame's exposure after that of the sequence's first frame, and its length.
     trajectory : Trajectory
-        Of the sequence, by the time after the start of the first exposure.
+        Trajectory of the sequence, by the time after the start of the first exposure.
     moves : bool
         Whether a path moves or turns the camera.
     """
@@ -140,7 +140,7 @@ class Passage:
 
     @property
     def middle_s(self) -> float:
-        """Mid-exposure after the start of the sequence."""
+        """Time of mid-exposure after the start of the sequence, s."""
         return self.start_s + self.shutter_s / 2
 
     @property
@@ -150,25 +150,25 @@ class Passage:
 
     @property
     def moved_km(self) -> tuple[float, float]:
-        """East and north from where the camera was at the start of the sequence to where it is at mid-exposure."""
+        """Displacement east and north from the camera's place at the start of the sequence to that at mid-exposure."""
         east_m, north_m, _ = self.trajectory.displacement_enu_m(0.0, self.middle_s)
         return float(east_m) / 1000, float(north_m) / 1000
 
     def R_cam(self, time_s: Floats) -> Rotation:
-        """Attitudes at times (k) after the start of the exposure, east-north-up at mid-exposure to camera."""
+        """Attitudes at times (k) after the start of the exposure, from east-north-up at mid-exposure to camera."""
         latitude_deg, longitude_deg, _ = self.trajectory.position(np.array([self.middle_s]))
         enu_at_middle = Rotation.from_matrix(enu_axes(normal_vector(latitude_deg, longitude_deg))[0])
         return self.trajectory.cam_from_ecef(self.start_s + np.asarray(time_s)) * enu_at_middle.inv()
 
 
 def passage_of(spec: SequenceSpec, sequence: int, step: int) -> Passage:
-    """Frame `step` of a sequence, as part of its path."""
+    """Return frame `step` of a sequence as part of its path."""
     first, start_s = Instant.parse(spec.time.utc_start), spec.start_s(step)
     return Passage(sequence, step, first, start_s, spec.shutter_s, trajectory_of(spec), spec.path is not None)
 
 
 def frame_of(spec: SequenceSpec, step: int) -> FrameSpec:
-    """Frame `step` of a sequence; place and attitude are those of mid-exposure."""
+    """Return frame `step` of a sequence; place and attitude are those of mid-exposure."""
     utc_start = Instant.parse(spec.time.utc_start).plus(spec.start_s(step)).isoformat()
     values = {name: getattr(spec, name) for name in SceneSpec.model_fields}
     site = spec.site
@@ -182,7 +182,7 @@ def frame_of(spec: SequenceSpec, step: int) -> FrameSpec:
 
 
 def trajectory_of(spec: SequenceSpec) -> Trajectory:
-    """The path of a sequence, by the time after the start of its first exposure. Raises PathError."""
+    """Return the path of a sequence, by the time after the start of its first exposure. Raises PathError."""
     return _trajectory(spec.path, spec.site, spec.attitude, spec.time.utc_start)
 
 

@@ -13,7 +13,7 @@ from generator.scenario.strict import MOST_CURVE_POINTS, Fraction, Strict, incre
 
 
 class CloudSpec(Strict):
-    """A layer of cloud. Its kind gives every value that the scenario does not."""
+    """A layer of cloud. Its kind supplies every value that the scenario does not give."""
 
     kind: Literal["cirrus", "altocumulus", "stratocumulus", "cumulus", "fog"] | None = None
     """Kind of cloud: height, cover, texture, wind, particles, and an optical depth drawn for each day of UTC."""
@@ -21,28 +21,29 @@ class CloudSpec(Strict):
     altitude_km: Annotated[float, Field(ge=0.2, le=15)] = 8.0
     """Altitude above the ground, km: site.ground_height_m. A layer at the camera's height or below it is left out."""
     mean_optical_depth: Annotated[float, Field(ge=0, le=50)] | None = 0.5
-    """Mean vertical optical depth of the layer, clear parts included; of a kind, null: drawn."""
+    """Mean vertical optical depth of the layer, clear parts included; with a kind, null means that it is drawn."""
     optical_depth: Annotated[float, Field(ge=0, le=100)] | None = None
     """Mean vertical optical depth of its cloudy part, instead of mean_optical_depth."""
     coverage: Annotated[float, Field(gt=0, le=1)] = 0.7
-    """Part of the layer that is cloud, 0-1."""
+    """Fraction of the layer that is cloud, 0-1."""
     spectral_slope: Annotated[float, Field(ge=-5, le=-1)] = -8 / 3
     """Exponent of the two-dimensional power spectrum of the Gaussian field behind the cloud."""
     outer_scale_km: Annotated[float, Field(gt=0.5, le=100)] = 20.0
     """Outer scale, above which the power spectrum is flat, km."""
     draw: Annotated[int, Field(ge=0, le=9999)] = 0
-    """Which pattern of these statistics: each number is another one, of the same seed."""
+    """Number of the pattern: each number gives another pattern of these statistics, from the same seed."""
     wind_m_s: Annotated[float, Field(ge=0, le=150)] = 0.0
     """Speed of the layer, m/s."""
     wind_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0
     """Azimuth towards which the layer moves, deg."""
     particle_um: Annotated[float, Field(ge=0, le=1000)] | None = None
-    """Effective diameter of droplets or crystals, micrometre: what large ones diffract stays in a star's image (0: nothing).
-    Unless given 60 from 6 km of altitude on, 20 below."""
+    """Effective diameter of droplets or crystals, micrometre: light that large ones diffract stays in a star's image (0:
+    none of it). Unless given, 60 from 6 km of altitude on, 20 below."""
     thickness_km: Annotated[float, Field(ge=0, le=5)] = 0.0
-    """Thickness over which light spreads sideways on its way through the layer, km: its texture has no shorter waves."""
+    """Thickness over which light spreads sideways on its way through the layer, km; the texture has no shorter waves."""
     star_aureoles: bool = False
-    """Whether what the particles diffract is drawn around stars; else what falls outside of their images is left out."""
+    """Whether light that the particles diffract is drawn around stars; otherwise the part outside their images is left
+    out."""
 
     @model_validator(mode="before")
     @classmethod
@@ -68,9 +69,10 @@ class CloudSpec(Strict):
 
 
 GROUND_ALBEDO = {"land": DEFAULT_ALBEDO, "snow": 0.8, "water": 0.06, "desert": 0.3}
-"""Grey albedos by name, within the ranges that textbooks of climatology give, among them Oke 1987, "Boundary Layer Climates"
-(whose table has not been checked): fresh snow 0.7 to 0.95, deserts 0.2 to 0.45, crops and grass 0.1 to 0.26, asphalt 0.05 to
-0.20, water 0.03 to 0.10. They are of all sunlight; leaves are darker in visible light and brighter beyond 700 nm."""
+"""Grey albedos by name, within the ranges that textbooks of climatology give, among them Oke 1987, "Boundary Layer
+Climates" (whose table has not been checked): fresh snow 0.7 to 0.95, deserts 0.2 to 0.45, crops and grass 0.1 to 0.26,
+asphalt 0.05 to 0.20, water 0.03 to 0.10. They are for the whole of sunlight; leaves are darker in visible light and
+brighter beyond 700 nm."""
 
 
 def _named_ground(value: object) -> object:
