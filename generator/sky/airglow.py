@@ -72,7 +72,7 @@ def line_spectrum(lines: list[tuple[float, float]]) -> Floats:
 
 @functools.cache
 def lower_spectrum() -> Floats:
-    """Zenith radiance of the layer at 87 km above the air, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
+    """Zenith radiance outside the atmosphere of the layer at 87 km, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
     nodes = np.array(_CONTINUUM)
     continuum = np.exp(np.interp(GRID_NM, nodes[:, 0], np.log(nodes[:, 1])))
     continuum[GRID_NM >= 600] = 1e-8 * np.array(_BANDS_FROM_600)
@@ -82,7 +82,7 @@ def lower_spectrum() -> Floats:
 
 @functools.cache
 def upper_spectrum() -> Floats:
-    """Zenith radiance of the layer at 250 km above the air, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
+    """Zenith radiance outside the atmosphere of the layer at 250 km, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
     return line_spectrum(UPPER_LINES)
 
 
