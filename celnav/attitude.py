@@ -35,7 +35,7 @@ class Attitude:
     kind : str
         ``rotation`` (all three angles known) or ``up`` (the heading is not).
     rows : tuple
-        Rows of `R_cam` (3 of them), or the up vector in the camera frame (one row).
+        The three rows of `R_cam`, or the up vector in the camera frame as a single row.
     tilt_deg, heading_deg : float
         Standard deviations: of the tilt about each horizontal axis, and of the heading.
     """

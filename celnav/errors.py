@@ -6,7 +6,7 @@ input itself is malformed; its message is one line that says what is wrong and w
 
 
 class CelnavError(ValueError):
-    """Base of every error that celnav raises on purpose."""
+    """Base class of every error that celnav raises deliberately."""
 
 
 class CameraError(CelnavError):
@@ -14,11 +14,11 @@ class CameraError(CelnavError):
 
 
 class AttitudeError(CelnavError):
-    """The attitude is not a rotation, or its uncertainties make no sense."""
+    """The attitude is not a rotation, or its uncertainties are invalid."""
 
 
 class TimeError(CelnavError):
-    """The time is not an unambiguous UTC."""
+    """The time is not an unambiguous UTC time."""
 
 
 class EarthRotationError(CelnavError):
@@ -30,7 +30,7 @@ class DetectionError(CelnavError):
 
 
 class ImageError(CelnavError):
-    """The image is missing, truncated, too large, or of a kind that celnav does not read."""
+    """The image is missing, truncated, too large, or of a type that celnav does not read."""
 
 
 class CatalogError(CelnavError):

@@ -22,7 +22,7 @@ from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, MEAN_RADIUS_KM, SEMI_MAJOR_AX
 F8 = NDArray[np.float64]
 
 LEAST_CONTRADICTION = 6.63
-"""Chi-squared of one degree of freedom that chance exceeds in one frame of a hundred."""
+"""Chi-squared with one degree of freedom that chance exceeds in one frame of a hundred."""
 CLEAR_SIGMAS = 5.0
 """Standard deviations beyond which a heading error is a contradiction rather than an error of the stated size."""
 STEEP_LAT_DEG = 60.0

@@ -75,7 +75,7 @@ class PositionConfig:
     grid_stars : int
         The grid search uses at most this many stars, chosen evenly.
     loss : str
-        ``soft-l1``, ``huber``, ``cauchy`` or ``squares``. The thesis leaves its robust loss open.
+        ``soft-l1``, ``huber``, ``cauchy`` or ``squares``. The thesis does not specify its robust loss.
     loss_scale_deg : float
         Error from which the loss grows more slowly than the square.
     weights : str
@@ -242,7 +242,7 @@ def _residuals(
     """Residuals, shape (n, 2), and their derivatives by latitude and longitude in radians, shape (n, 2, 2)."""
     predicted = stars.enu(*solution)
     lat = math.radians(solution[0])
-    # Going north turns the sky about the east axis; going east turns it about the Earth's axis.
+    # Moving north rotates the sky about the east axis; moving east rotates it about the Earth's axis.
     d_lat = np.column_stack((np.zeros(len(predicted)), -predicted[:, 2], predicted[:, 1]))
     axis = np.array([0.0, math.cos(lat), math.sin(lat)])
     d_lon = np.cross(predicted, axis)
@@ -379,7 +379,7 @@ def _covariance(
     gain = np.einsum("jk,n,nik->nji", bread, weight, jacobian)  # (n, 2, 2): residual -> latitude, longitude
     influence = gain @ to_residual
     covariance = sigma_px**2 * np.einsum("nij,nkj->ik", influence, influence)
-    # An attitude error turns all observed directions together, about east, north (tilt) and up (heading).
+    # An attitude error rotates all observed directions together, about east, north (tilt) and up (heading).
     sigmas = np.radians([attitude.tilt_deg, attitude.tilt_deg, attitude.heading_deg])
     if sigmas.any():
         turns = np.stack([np.cross(axis, observed.dirs) for axis in np.eye(3)])

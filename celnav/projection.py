@@ -4,8 +4,8 @@ Normalised coordinates are pixels from the principal point over the focal length
 boresight. Sources: Brown 1966 and Conrady 1919 in the form of OpenCV's ``projectPoints`` (rational radial term);
 Kannala & Brandt 2006, IEEE TPAMI 28(8) 1335, in the form of ``cv2.fisheye``; the four ideal fisheye laws as in
 Ray 2002, Applied Photographic Optics. Decentring, thin prism (Weng, Cohen & Herniou 1992, IEEE TPAMI 14(10) 965) and a
-tilted sensor (Louhichi et al. 2007, Meas. Sci. Technol. 18(8) 2616) in the form of OpenCV's ``projectPoints``; of a
-fisheye they act on the coordinates that its law gives.
+tilted sensor (Louhichi et al. 2007, Meas. Sci. Technol. 18(8) 2616) in the form of OpenCV's ``projectPoints``; for a
+fisheye, they act on the coordinates that its law gives.
 """
 
 from __future__ import annotations

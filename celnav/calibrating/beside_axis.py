@@ -76,7 +76,7 @@ def patterned(uv: F8, residual: F8, times: float = 1.0) -> bool:
 def starts_beside(start: Start) -> Iterator[Start]:
     """Yield starts that agree with `start` at the centre but have the lens axis elsewhere.
 
-    The plate scale at the centre is the mean of the radial and the tangential scale.
+    The plate scale at the centre is the geometric mean of the radial and the tangential scale.
     """
     camera = start.camera
     for away in _AWAY_RAD:

@@ -34,7 +34,7 @@ MOST_STARS = 3000
 # A form with at least this loss on the stars it is fitted to is not cross-validated; on held-out stars it is worse still.
 HOPELESS_LOSS = 8.0
 MOST_GROWTH = 4.0
-"""Growth of chi-squared at one standard deviation; at this value the errors are half as large as stated."""
+"""Largest accepted growth of chi-squared at one standard deviation; at this value, errors are half as large as stated."""
 _CELLS = 12  # along the longer side
 _SEED = 20240229
 _ADDED = (

@@ -30,12 +30,12 @@ _CHUNK = 1 << 20
 _STARTS = (b"SIMPLE", b"BZh", b"\x1f\x8b")
 _MOST_WORDS = 2000
 _MOST_UNITS = 64
-# A camera of 100 million pixels has some ten thousand rows, each a tile, in three colours.
+# A camera of 100 million pixels has some ten thousand rows in three colours, each of which may be a tile.
 _MOST_TILES = 200_000
 _LARGEST_PIXEL_BYTES = 8
 _GZIP_BESIDE = "GZIP_COMPRESSED_DATA"
 _BYTES_OF = {"B": 1, "I": 2, "J": 4}
-# The mean of a block of video frames, as the Global Meteor Network's stations write it.
+# Name of the mean of a block of video frames in files of the Global Meteor Network's stations.
 _MEAN_OF_BLOCK = "AVEPIXEL"
 _ROWS_UPWARDS = "BOTTOM-UP"
 

@@ -285,7 +285,7 @@ def _middle(covariance: F8, start: F8) -> F8:
         skew = np.hypot(form[:, 0] - form[:, 2], 2 * form[:, 1]) / np.sqrt(size * own)
         weight = np.exp(-0.5 * (np.log(size / own) ** 2 + skew**2) / _RANGE**2)
         total = float(weight.sum())
-        if total < 1.0:  # no star is near: streaks of many directions, whose median is not one of them
+        if total < 1.0:  # less than one star is near: streaks of many directions, whose median is none of them
             return start
         middle = np.asarray(weight @ covariance / total)
     return middle

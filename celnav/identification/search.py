@@ -29,7 +29,7 @@ _FEW_LOOKUPS = 12 * _BLOCK
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Detections as the search sees them, most promising first.
+    """Detections as used by the search, most promising first.
 
     Attributes
     ----------

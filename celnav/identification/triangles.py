@@ -6,7 +6,7 @@ triangles with its nearest neighbours in a level of the sky tables; the triangle
 among them. A triangle matches some hundred others; the remaining detections decide between the resulting orientations.
 
 Sources: Valdes et al. 1995, "FOCAS Automatic Catalog Matching Algorithms", PASP 107, 1119 (ratios of sides); Lang et al.
-2010, "Astrometry.net", AJ 139, 1782 (the sky blind, by shapes of a few stars, verified by all).
+2010, "Astrometry.net", AJ 139, 1782 (blind identification by shapes of a few stars, verified by all).
 """
 
 from __future__ import annotations

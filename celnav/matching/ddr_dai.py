@@ -252,7 +252,7 @@ class DaiMatcher:
                 f"{len(observation.rays)} detections; ddr-dai needs a reference star and {LEAST_DETECTIONS - 1} neighbours",
             )
         rank = np.arange(len(observation.rays)) if observation.flux is None else np.argsort(-observation.flux)
-        # Use only as many detections as the catalogue has stars, so that reference stars are stars of the catalogue.
+        # Use only as many detections as the catalogue has stars in the field, so that reference stars are in the catalogue.
         if observation.flux is not None:
             share = observation.camera.solid_angle_sr / (4 * math.pi)
             rank = rank[: max(config.neighbours, round(len(catalogue) * share))]

@@ -1,8 +1,8 @@
 """Pattern database and look-up table of the thesis (section 4.i), in contiguous arrays.
 
-For each magnitude-limited catalogue and each of its stars, the neighbours within a radius: their distance theta, the
-ratio rho = theta / theta_max, and their bearing. The look-up table lists, for every bin of (theta, rho), the stars
-that have a neighbour in it.
+For each magnitude-limited catalogue and each of its stars, the database holds the neighbours within a radius: their distance
+theta, the ratio rho = theta / theta_max, and their bearing. The look-up table lists, for every bin of (theta, rho), the
+stars that have a neighbour in it.
 """
 
 from __future__ import annotations

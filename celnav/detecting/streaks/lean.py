@@ -16,7 +16,7 @@ F8 = NDArray[np.float64]
 # Standard deviations of the terms of a correction at the frame's longer edges: constant, first order, second order.
 _TERMS = (0.15, 0.15, 0.15, 0.15, 0.15, 0.15)
 # Widths of the windows across streaks, in units of the streak width: to find a line, and to measure its position. Light is
-# read up to a fixed number of window widths.
+# read up to `_REACH` window widths from the line.
 FINDING, PLACING = 2.0, 1.0
 _REACH = 2.5
 # Residual error from neighbours, noise other than pixel noise, and third-order terms; larger residuals get less weight.
