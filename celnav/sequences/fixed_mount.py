@@ -182,7 +182,10 @@ def _line(times_s: F8) -> F8:
 
 
 def _independent(turns: F8, times_s: F8) -> float:
-    """Return the number of frames over which wander averages: all, or one if neighbours agree or the frames are too few."""
+    """Return the number of frames over which wander averages: all, or one if neighbours agree or the frames are too few.
+
+    `turns` are the rotations of the frames, shape (n, 3).
+    """
     n = len(turns)
     if n < FEWEST_FOR_CORRELATION:
         return 1.0

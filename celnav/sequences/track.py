@@ -132,7 +132,7 @@ class Track:
         fix : Fix
             The fix; a refusal is skipped. Solve it with the vertical alone, or with a standard deviation of the heading: a
             tilt of the mount also changes the heading that the stars imply, and would bias a fix whose heading is stated as
-            exact. The standard deviation of the tilt belongs into this filter, not into the fix.
+            exact. The standard deviation of the tilt belongs in this filter, not in the fix.
         utc : str, datetime or Utc
             Time of the fix, not before the previous one.
         heading_deg : float
