@@ -1,4 +1,4 @@
-"""Latitude and longitude from one picture of the night sky.
+"""Determine latitude and longitude from one image of the night sky.
 
 Examples
 --------
@@ -90,7 +90,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import the calibration when it is first asked for: a position needs none of it, and starts sooner."""
+    """Import calibration modules on first access, so that programs that only solve for a position start sooner."""
     if name == "calibrate":
         from celnav.calibrating.calibrate import calibrate
 

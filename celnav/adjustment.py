@@ -1,10 +1,10 @@
-"""Adjustment of the whole field: one least-squares problem over all stars for orientation, and the camera if asked.
+"""Adjustment of the whole field: one least-squares problem over all stars for the orientation and, if asked, the camera.
 
-A detection is one of the stars predicted near it, or clutter: the probability of each, from the distance, the noise and
-the density of unexplained detections, is a weight (expectation maximisation; Dempster, Laird & Rubin 1977, J. R.
-Statist. Soc. B 39, 1). It is a robust loss whose scale comes from the frame. The covariance is the inverse of the
-observed information of that mixture (Louis 1982, J. R. Statist. Soc. B 44, 226), which knows what confusion costs; it is that
-of Student's distribution, because the residuals of a few stars hardly know the noise.
+A detection is one of the stars predicted near it, or clutter. The probability of each, from the distance, the noise and the
+density of unexplained detections, is its weight (expectation maximisation; Dempster, Laird & Rubin 1977, J. R. Statist. Soc.
+B 39, 1). The effect is a robust loss whose scale comes from the frame itself. The covariance is the inverse of the observed
+information of that mixture (Louis 1982, J. R. Statist. Soc. B 44, 226), which accounts for confusion. It is that of Student's
+distribution, because a few residuals determine the noise only poorly.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ PARAMETERS = ("log_f", "cx_px", "cy_px", "q1", "q2")
 
 @dataclass(frozen=True)
 class CameraPriors:
-    """Standard deviations of what self-calibration may change; zero keeps the camera's value.
+    """Prior standard deviations of the camera parameters in self-calibration; zero keeps the camera's value.
 
     Attributes
     ----------
     focal : float
-        Of the logarithm of the focal length.
+        Standard deviation of the logarithm of the focal length.
     centre_px : float
-        Of the principal point along each axis.
+        Standard deviation of the principal point along each axis, pixels.
     distortion : float
-        Of the two radial terms: positions move from the principal point by the factor 1 + q1 r^2 + q2 r^4, with r the
-        distance from it over half the diagonal of the frame.
+        Standard deviation of the two radial terms: positions move from the principal point by the factor
+        1 + q1 r^2 + q2 r^4, with r the distance from it over half the diagonal of the frame.
     """
 
     focal: float = bounded(0.0, 0)
@@ -62,15 +62,15 @@ class Adjusted:
     rotation : ndarray, shape (3, 3)
         Terrestrial frame to camera.
     cov : ndarray, shape (3 + k, 3 + k)
-        Covariance of a small rotation in the camera frame (rad^2), then of the camera parameters that were free.
+        Covariance of a small rotation in the camera frame (rad^2), followed by the camera parameters that were free.
     camera_values, camera_sigmas : ndarray, shape (5,)
         Changes of the camera, in the order of `PARAMETERS`, and their standard deviations (0: kept fixed).
     detection, star : ndarray, shape (m,)
         Pairs that may belong together: rows of the positions and of the stars.
     weight : ndarray, shape (m,)
-        Probability that they do.
+        Probability that each pair belongs together.
     residual_px : ndarray, shape (m, 2)
-        Observed minus predicted.
+        Observed minus predicted position of each pair.
     sigma_px : float
         Estimated standard deviation of a centroid along each axis (for detections of unit relative sigma).
     """
@@ -108,7 +108,7 @@ def _half_diagonal(camera: Camera) -> float:
 
 
 def design_of(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
-    """Derivatives of predicted positions by rotation and by the free camera parameters, shape (n, 2, 3 + k)."""
+    """Derivatives of predicted positions by a rotation and by the free camera parameters, shape (n, 2, 3 + k)."""
     ideal, by_direction = camera.project_with_derivatives(dirs)
     factor = np.full((len(dirs), 1), math.exp(values[0]))
     design = np.empty((len(dirs), 2, 3 + len(free)))
@@ -125,7 +125,7 @@ def design_of(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F
                 design[:, :, 3 + k] = np.column_stack((ones, zeros) if parameter == 1 else (zeros, ones))
             else:
                 design[:, :, 3 + k] = focal * r2 ** (parameter - 2) * from_centre
-    # The distortion's own change along the radius is of second order in it.
+    # The change of the distortion itself along the radius is a second-order effect and is neglected.
     design[:, :, :3] = factor[:, :, None] * turning_derivatives(dirs, by_direction)
     return design
 
@@ -133,24 +133,25 @@ def design_of(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F
 def associate(
     detection: NDArray[np.intp], star: NDArray[np.intp], ratio: F8, link: F8, rounds: int = 2
 ) -> tuple[F8, F8]:
-    """Probabilities that pairs belong together when a detection is at most one star, and a star one detection.
+    """Probabilities that pairs belong together, if a detection is at most one star and a star at most one detection.
 
-    Belief propagation (Williams & Lau 2014, IEEE Trans. Aerosp. Electron. Syst. 50(4) 2942).
+    Computed by belief propagation (Williams & Lau 2014, IEEE Trans. Aerosp. Electron. Syst. 50(4) 2942).
 
     Parameters
     ----------
     detection, star : ndarray, shape (m,)
         The pairs.
     ratio : ndarray, shape (m,)
-        Likelihood of the pair over that of clutter and a star not seen.
+        Likelihood of the pair, divided by the likelihood that the detection is clutter and the star is not seen.
     link : ndarray, shape (m,)
-        Messages from detections to stars, to start from; ones at first.
+        Messages from detections to stars to start from; all ones at first.
     rounds : int
-        Of the propagation.
+        Number of rounds of the propagation.
 
     Returns
     -------
-    Probabilities, shape (m,), and the messages.
+    tuple of two ndarrays, shape (m,)
+        The probabilities, and the messages.
     """
     for _ in range(rounds):
         offered = ratio * link
@@ -163,9 +164,10 @@ def associate(
 
 
 def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp], variance: float) -> tuple[F8, F8, F8]:
-    """Information of the pairs if it were known which belong together, the observed one, and the gradient.
+    """Return the complete-data information (pairs taken as known), the observed information, and the gradient.
 
-    Pairs are sorted by detection; `starts` holds the first of each. The design has the shape (2, parameters, pairs).
+    Pairs are sorted by detection; `starts` holds the first pair of each detection. The design has the shape
+    (2, parameters, pairs).
     """
     across, down = design
     complete = ((across * weight) @ across.T + (down * weight) @ down.T) / variance
@@ -176,11 +178,11 @@ def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp],
 
 
 def noise_known_by(freedom: float) -> float:
-    """Factor on the covariance of a fit whose noise comes from its own residuals, of so many degrees of freedom.
+    """Factor on the covariance of a fit whose noise is estimated from its own residuals, with `freedom` degrees of freedom.
 
-    The unknowns then have Student's distribution, whose variance is n / (n - 2) times that of the normal one (Johnson, Kotz &
-    Balakrishnan 1995, Continuous Univariate Distributions 2, chapter 28); for fewer than 3, where that has no bound, the
-    factor for 3.
+    The unknowns then have Student's distribution, whose variance is n / (n - 2) times that of the normal distribution
+    (Johnson, Kotz & Balakrishnan 1995, Continuous Univariate Distributions 2, chapter 28). Fewer than 3 degrees of freedom,
+    for which the variance has no bound, get the factor for 3.
     """
     freedom = max(freedom, 3.0)
     return freedom / (freedom - 2)
@@ -202,41 +204,41 @@ def adjust(
     max_rounds: int = 40,
     whitening: F8 | None = None,
 ) -> Adjusted | None:
-    """Fit the field.
+    """Fit orientation and camera parameters to the field.
 
     Parameters
     ----------
     camera : Camera
-        The camera as it is thought to be.
+        The camera as supplied.
     uv : ndarray, shape (n, 2)
-        Detections, refraction taken off.
+        Detections with refraction removed.
     relative_sigma : ndarray, shape (n,), or None
         Standard deviations of the detections up to a common factor.
     stars : ndarray, shape (k, 3)
-        Directions of the stars of the field that are bright enough to be seen, terrestrial frame.
+        Directions, terrestrial frame, of the stars of the field that are bright enough to be seen.
     pairs : tuple of two ndarrays, shape (m,)
         Rows of detections and of stars that may belong together.
     rotation : ndarray, shape (3, 3)
-        Terrestrial frame to camera, nearly.
+        Approximate rotation from the terrestrial frame to the camera.
     values : ndarray, shape (5,)
         Starting values of the camera parameters, in the order of `PARAMETERS`.
     sigma_px : float
-        First guess of the noise.
+        Initial guess of the noise.
     priors : CameraPriors
-        What may change in the camera.
+        Prior standard deviations of the camera parameters, which decide what may change.
     area_px : float
-        Area of the image that can hold stars.
+        Area of the image that can show stars.
     min_sigma_px : float
-        Floor of the estimated noise: catalogue and refraction are no better.
+        Floor of the estimated noise, since catalogue and refraction are not more accurate.
     max_rounds : int
-        Of the iteration.
+        Largest number of iterations.
     whitening : ndarray, shape (n, 2, 2), or None
-        Matrices that make the detections' errors alike in all directions, up to a factor; in place of `relative_sigma`.
+        Matrices that make the errors of the detections isotropic, up to a factor; used instead of `relative_sigma`.
 
     Returns
     -------
     Adjusted or None
-        None where fewer stars remain than the unknowns need, or the information is not positive.
+        None if fewer stars remain than the unknowns need, or the information matrix is not positive definite.
     """
     sigmas = priors.sigmas
     free = np.flatnonzero(sigmas > 0)
@@ -258,7 +260,7 @@ def adjust(
     if white is not None:
         own_square = 1 / np.abs(np.linalg.det(white))
     dirs, observed = stars.take(star, axis=0), uv.take(detection, axis=0)
-    # By axis and parameter, so that every step passes over the pairs in the order of the memory.
+    # Axes are (axis, parameter, pair), so that every step passes over the pairs in memory order.
     design = design_of(camera, dirs @ rotation.T, values, free)
     design = np.ascontiguousarray((design if white is None else white @ design).transpose(1, 2, 0)) / own
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
@@ -286,7 +288,7 @@ def adjust(
         try:
             positive = bool(np.linalg.eigvalsh(observed_information)[0] > 0)
             information = observed_information if positive else complete
-            # Between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
+            # A compromise between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
             damped = 0.5 * (complete + observed_information) if positive else complete
             step = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
         except np.linalg.LinAlgError:
@@ -294,7 +296,7 @@ def adjust(
         rotation = rotation_of(step[:3]) @ rotation
         values = values.copy()
         values[free] += step[3:]
-        # A thirtieth of the standard deviation that the step has.
+        # Stop at steps below a thirtieth of their standard deviation.
         if round_ and settled and positive and float(step @ observed_information @ step) < 1e-3:
             break
     else:
@@ -302,7 +304,7 @@ def adjust(
             return None
     try:
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-        # What was told of a parameter is no unknown, and no residual makes it better or worse.
+        # Parameters known from their prior do not count as unknowns: no residual makes them better or worse.
         told = float(prior @ np.diag(covariance))
         factor = noise_known_by(2 * n_explained - n_free + told)
         information = information / factor
@@ -316,7 +318,7 @@ def adjust(
 
 
 def without_focal(adjusted: Adjusted) -> Adjusted:
-    """Return what an adjustment with the focal length free would be with it held: the conditional Gaussian."""
+    """Return the adjustment as it would be with the focal length held fixed: the conditional Gaussian."""
     rest = [row for row in range(len(adjusted.cov)) if row != 3]
     gain = adjusted.cov[rest, 3] / adjusted.cov[3, 3]
     cov = adjusted.cov[rest][:, rest] - gain[:, None] * adjusted.cov[3, rest]

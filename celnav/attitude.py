@@ -1,4 +1,4 @@
-"""The camera's attitude, known in whole or in part."""
+"""The camera's attitude, fully or partly known."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Kind = Literal["rotation", "up"]
 _Rows = tuple[tuple[float, float, float], ...]
 ROTATION_TOLERANCE = 1e-6
 _SIGMA_KEYS = ("tilt_sigma_deg", "heading_sigma_deg")
-# Of the section attitude of frame records (docs/dataset_format.md); what is not a sigma or R_cam is not needed here.
+# Keys of the section "attitude" of frame records (docs/dataset_format.md). Only R_cam and the sigmas are used here.
 _KEYS = {
     "R_cam", *_SIGMA_KEYS, "azimuth_deg", "altitude_deg", "roll_deg", "sample_time_s", "sample_R_cam", "imu_time_s",
     "imu_rate_deg_s", "imu_bias_deg_s",
@@ -28,14 +28,14 @@ _LARGEST_ENTRY = 1e100  # its square is still a float
 
 @dataclass(frozen=True)
 class Attitude:
-    """Knowledge of the attitude: exact, uncertain, or the vertical alone; make one with `exact`, `with_sigma` or `up`.
+    """An attitude that is exact, uncertain, or only a vertical; made with `exact`, `with_sigma` or `up`.
 
     Attributes
     ----------
     kind : str
         ``rotation`` (all three angles known) or ``up`` (the heading is not).
     rows : tuple
-        Rows of `R_cam` (3 of them), or the up vector in the camera frame (one row).
+        The three rows of `R_cam`, or the up vector in the camera frame as a single row.
     tilt_deg, heading_deg : float
         Standard deviations: of the tilt about each horizontal axis, and of the heading.
     """
@@ -47,29 +47,29 @@ class Attitude:
 
     @classmethod
     def exact(cls, R_cam: ArrayLike) -> Attitude:
-        """Attitude known exactly: the 3x3 matrix that takes ENU to the camera frame."""
+        """Make an exactly known attitude from the 3x3 matrix that takes ENU to the camera frame."""
         return cls("rotation", _rotation_rows(R_cam))
 
     @classmethod
     def with_sigma(cls, R_cam: ArrayLike, *, tilt_deg: float, heading_deg: float) -> Attitude:
-        """Attitude known with standard deviations in tilt (about each horizontal axis) and heading, degrees."""
+        """Make an attitude with standard deviations of tilt (about each horizontal axis) and heading, degrees."""
         return cls("rotation", _rotation_rows(R_cam), _sigma("tilt_deg", tilt_deg), _sigma("heading_deg", heading_deg))
 
     @classmethod
     def up(cls, vector_in_camera_frame: ArrayLike, tilt_deg: float = 0.0) -> Attitude:
-        """Only the vertical is known: the zenith's direction in the camera frame, any length; heading unknown.
+        """Make an attitude of which only the vertical is known: the direction of the zenith in the camera frame.
 
         Parameters
         ----------
         vector_in_camera_frame : array_like, shape (3,)
-            Along the camera's axes: right, down, boresight.
+            Components along the camera's axes right, down and boresight; any length.
         tilt_deg : float
-            Standard deviation of each of its two angles.
+            Standard deviation of each of the two tilt angles, degrees.
 
         Raises
         ------
         AttitudeError
-            No direction, or no standard deviation.
+            When the vector is not a valid direction or `tilt_deg` is not a valid standard deviation.
         """
         vector = _finite(vector_in_camera_frame, (3,), "up vector")
         length = float(np.linalg.norm(vector))
@@ -80,21 +80,21 @@ class Attitude:
 
     @classmethod
     def zenith_north_up(cls) -> Attitude:
-        """Camera that looks at the zenith, north at the top of the image (and so east at its left)."""
+        """Make the attitude of a camera that looks at the zenith, with north at the top of the image and east at its left."""
         return cls.exact([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
 
     @classmethod
     def from_json(cls, path: str | Path) -> Attitude:
-        """Read ``R_cam`` from a JSON file: at the top, or under ``attitude`` as a frame record and a calibration have it.
+        """Read ``R_cam`` from a JSON file: at the top level, or under ``attitude`` as in frame records and calibrations.
 
-        ``tilt_sigma_deg`` and ``heading_sigma_deg`` beside it, which a calibration writes, make it an uncertain attitude; a
-        heading's of null leaves the heading unknown, as in frames packed for solvers.
+        If ``tilt_sigma_deg`` and ``heading_sigma_deg`` stand next to it, as a calibration writes them, the attitude is
+        uncertain. A ``heading_sigma_deg`` of null leaves the heading unknown, as in frames packed for solvers.
 
         Raises
         ------
         AttitudeError
-            When the file cannot be read, holds no rotation, one sigma without the other, or a key that is not known: a
-            misspelt sigma would make the attitude an exact one.
+            When the file cannot be read, or holds no rotation, one sigma without the other, or an unknown key. Unknown
+            keys are refused because a misspelt sigma would make the attitude exact.
         """
         try:
             record = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -107,7 +107,7 @@ class Attitude:
             record = record["attitude"]
         if not isinstance(record, dict) or "R_cam" not in record:
             raise AttitudeError(f"attitude file {path} holds no R_cam; see docs/dataset_format.md")
-        # Beside a rotation at the top other sections of a record may stand.
+        # A rotation at the top level may have other sections of a record next to it.
         unknown = [key for key, value in record.items() if key not in _KEYS and (inner or not isinstance(value, dict))]
         if unknown:
             raise AttitudeError(
@@ -129,14 +129,14 @@ class Attitude:
 
     @property
     def R_cam(self) -> NDArray[np.float64]:
-        """The 3x3 matrix that takes ENU to camera; raises `AttitudeError` where the heading is unknown."""
+        """The 3x3 matrix that takes ENU to the camera frame; raises `AttitudeError` if the heading is unknown."""
         if self.kind != "rotation":
             raise AttitudeError("the heading is unknown: there is no full rotation")
         return np.array(self.rows)
 
 
 def as_attitude(attitude: Attitude | ArrayLike | None) -> Attitude | None:
-    """Return an `Attitude` for whatever `celnav.solve` accepts as one."""
+    """Return an `Attitude` for any value that `celnav.solve` accepts as one."""
     if attitude is None or isinstance(attitude, Attitude):
         return attitude
     return Attitude.exact(attitude)

@@ -1,9 +1,9 @@
-"""Cache of derived tables on disk: one file a table, mapped into memory, of no consequence when it cannot be.
+"""Cache of derived tables on disk, with one memory-mapped file per table; everything works without it too.
 
-A file holds a line of JSON (names, element types, shapes, places, size and checksum) and then the arrays as they lie in
-memory, each at a multiple of 64 bytes. Opening it costs the reading for the checksum, 0.6 ms a megabyte; mapped, processes
-share its memory. There is no pickle in it, it is written atomically, and one that is cut short, damaged or of another kind
-is built anew.
+A file consists of a line of JSON (names, element types, shapes, offsets, size and checksum) and the arrays as they are in
+memory, each at a multiple of 64 bytes. Opening a file reads it once for the checksum, at 0.6 ms per megabyte; processes
+share the mapped memory. Files contain no pickle and are written atomically. A file that is truncated, damaged or of another
+kind is rebuilt.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def cache_dir() -> Path:
 
 
 def digest(*parts: bytes | str) -> str:
-    """Return a hash of the parts, in order, that names a cached table."""
+    """Return a hash of the parts, in order, as the name of a cached table."""
     state = hashlib.blake2b(digest_size=16)
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -51,8 +51,8 @@ def digest(*parts: bytes | str) -> str:
 def cached(name: str, key: str, build: Callable[[], Mapping[str, NDArray[np.generic]]]) -> Arrays:
     """Return the arrays cached under `name` and `key`, building and storing them on the first call.
 
-    Arrays from the cache cannot be written to. A cache that cannot be read or written costs time, not correctness: the
-    arrays are then built again.
+    Arrays from the cache are read-only. A cache that cannot be read or written costs time, not correctness: the arrays are
+    then built again.
     """
     try:
         path = cache_dir() / f"{name}-{key}.{FORMAT_VERSION}.tables"
@@ -86,7 +86,7 @@ def _write(target: BinaryIO, arrays: Mapping[str, NDArray[np.generic]]) -> None:
         members[name] = {"dtype": array.dtype.str, "shape": array.shape, "at": position}
         position = _aligned(position + array.nbytes)
         checksum = zlib.crc32(_padded(array), checksum)
-    # Places count from the end of the header, whose length they would otherwise change.
+    # Offsets count from the end of the header; otherwise they would change its length.
     header = json.dumps({"format": FORMAT, "bytes": position, "crc32": checksum, "members": members}).encode()
     target.write(header.ljust(_aligned(len(header) + 1) - 1) + b"\n")
     for array in arrays.values():
@@ -98,7 +98,7 @@ def _padded(array: NDArray[np.generic]) -> bytes:
 
 
 def _map(file: BinaryIO) -> Arrays:
-    """Map a file of the cache; raises ValueError, KeyError or TypeError where it is not what `_write` writes."""
+    """Map a cache file; raise ValueError, KeyError or TypeError if it is not as written by `_write`."""
     line = file.readline(LONGEST_HEADER)
     header = json.loads(line)
     if header["format"] != FORMAT or os.fstat(file.fileno()).st_size != len(line) + header["bytes"]:

@@ -1,4 +1,7 @@
-"""Camera: pixels to directions and back. Pixel centres are at integers; x right, y down, z along the boresight."""
+"""Camera model: conversion between pixels and directions.
+
+Pixel centres are at integers; x points right, y down and z along the boresight.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,11 @@ PERSPECTIVE = ("pinhole", "brown_conrady")
 FISHEYE = ("kannala_brandt", "equidistant", "equisolid", "stereographic", "orthographic")
 MODELS = (*PERSPECTIVE, *FISHEYE)
 MAX_SIDE_PX = 100_000
-# Beyond these no lens lies, and within them no square overflows.
+# No real lens is outside these limits, and within them no square overflows.
 _FOCAL_PX, _LARGEST_CENTRE_PX, _LARGEST_COEFFICIENT = (0.01, 1e9), 1e7, 1e9
 OUTSIDE_FRAME_PART = 0.05
-"""Positions may lie this far outside the frame, as a part of its width."""
-# How many coefficients k each model takes; models that are absent take none.
+"""Distance by which positions may lie outside the frame, as a fraction of its width."""
+# Number of coefficients k that each model takes; models not listed take none.
 _RADIAL = {"brown_conrady": 6, "kannala_brandt": 4}
 _MOST_TILT_RAD = 0.5
 _NAMES = ("model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p", "s", "tilt_rad")
@@ -46,13 +49,13 @@ class Camera:
     f_px, fy_px : float
         Focal length along u and v, pixels; `fy_px` is `f_px` unless given.
     cx_px, cy_px : float
-        Principal point, pixels; the middle ((width - 1)/2, (height - 1)/2) unless given.
+        Principal point, pixels; the centre of the frame, ((width - 1)/2, (height - 1)/2), unless given.
     k : tuple of float
         Radial distortion coefficients, as many as the model takes or fewer; empty for the ideal projections.
     p, s, tilt_rad : tuple of float
-        Of any model: decentring p1, p2; thin prism s1..s4; tilt of the sensor tau_x, tau_y, radians; as OpenCV has them.
+        For any model, as in OpenCV: decentring p1, p2; thin prism s1..s4; tilt of the sensor tau_x, tau_y, radians.
     uncertainty : LensUncertainty or None
-        How well a calibration knows it; None: taken as exact. Cameras are equal whatever it is.
+        Uncertainty of the calibrated parameters; None: they are taken as exact. Comparisons of cameras ignore it.
 
     Raises
     ------
@@ -104,7 +107,7 @@ class Camera:
         Raises
         ------
         CameraError
-            A size or a field of view that no pinhole has.
+            When a pinhole camera cannot have this size or field of view.
         """
         hfov_deg = finite_number(hfov_deg, "hfov_deg", CameraError)
         if not 0 < hfov_deg < 180:
@@ -119,7 +122,7 @@ class Camera:
         Raises
         ------
         CameraError
-            A key is missing, unknown, or holds what no camera has.
+            When a key is missing or unknown, or its value is not valid for a camera.
         """
         if missing := [name for name in _NAMES[:4] if name not in record]:
             raise CameraError(f"camera lacks {', '.join(missing)}; see docs/dataset_format.md")
@@ -138,7 +141,7 @@ class Camera:
         Raises
         ------
         CameraError
-            The file cannot be read, or holds no camera; names the key.
+            When the file cannot be read or holds no valid camera; the message names the key.
         """
         try:
             record = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -153,7 +156,7 @@ class Camera:
         return cls.from_dict(record)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the keys of the frame record's ``camera`` object; coefficients that the lens does not have are left out."""
+        """Return the frame record's ``camera`` object; coefficients that the lens does not have are left out."""
         values: dict[str, Any] = {name: getattr(self, name) for name in _NAMES}
         for name in ("k", "p", "s", "tilt_rad"):
             values[name] = list(values[name])
@@ -161,7 +164,7 @@ class Camera:
         return kept if self.uncertainty is None else kept | {"uncertainty": self.uncertainty.to_dict()}
 
     def to_json(self) -> str:
-        """Return the camera as a JSON document that `from_json` reads, to the bit."""
+        """Return the camera as a JSON document; `from_json` restores it to the last bit."""
         return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
 
     def to_rays(self, uv: ArrayLike) -> NDArray[np.float64]:
@@ -193,7 +196,7 @@ class Camera:
             x, y = projection.recentre(x, y, self.p, self.s)
         radius = np.hypot(x, y)
         theta = projection.angle_of(self._law, radius, self.k, self._limit)
-        # On the axis the direction of the radius does not matter: its length is zero.
+        # On the axis the radius is zero, so its direction does not matter.
         part = np.sin(theta) / np.where(radius > 0, radius, 1.0)
         return np.column_stack((x * part, y * part, np.cos(theta)))
 
@@ -208,8 +211,8 @@ class Camera:
         Returns
         -------
         ndarray, shape (n, 2)
-            Pixel positions; NaN where the camera cannot see: behind a perspective camera, or beyond the angle up to
-            which the distortion is one to one.
+            Pixel positions; NaN for directions that the camera cannot see: behind a perspective camera, or beyond the
+            angle up to which the distortion is one to one.
         """
         dirs = real_rows(dirs, 3, "dirs", CameraError)
         if self.model in PERSPECTIVE:
@@ -237,7 +240,7 @@ class Camera:
         return uv
 
     def project_with_derivatives(self, dirs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Project unit vectors, shape (n, 3); also the derivatives by their components, shape (n, 2, 3)."""
+        """Project unit vectors, shape (n, 3); also return the derivatives by their components, shape (n, 2, 3)."""
         uv = self.project(dirs)
         by_direction = np.zeros((len(dirs), 2, 3))
         if self._plain:
@@ -260,17 +263,17 @@ class Camera:
 
     @cached_property
     def _undistorted(self) -> bool:
-        """Whether a perspective lens has neither distortion nor decentring; the model `brown_conrady` counts as having."""
+        """Whether this is a perspective lens without distortion and decentring; `brown_conrady` never counts as one."""
         return self.model == "pinhole" and not (any(self.p) or any(self.s))
 
     @cached_property
     def _plain(self) -> bool:
-        """Whether coordinates are those of an ideal pinhole."""
+        """Whether image coordinates are those of an ideal pinhole camera."""
         return self._undistorted and self._tilt is None
 
     @cached_property
     def _tilt(self) -> NDArray[np.float64] | None:
-        """Homography of a tilted sensor, (3, 3); None without tilt."""
+        """Homography of the tilted sensor, shape (3, 3); None without tilt."""
         if not any(self.tilt_rad):
             return None
         tau_x, tau_y = (*self.tilt_rad, 0.0)[:2]
@@ -278,13 +281,13 @@ class Camera:
 
     @cached_property
     def _limit(self) -> float:
-        """Where the projection stops being one to one: tangent of the angle (perspective) or angle (fisheye)."""
+        """Limit up to which the projection is one to one: tangent of the angle (perspective) or angle (fisheye)."""
         if self.model == "brown_conrady":
             return projection.distortion_limit(self.k)
         return math.inf if self.model == "pinhole" else projection.largest_angle(self._law, self.k)
 
     def radians_per_px(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Scale at pixel positions, shape (n,): the square root of the solid angle of a pixel there."""
+        """Plate scale at pixel positions, shape (n,): the square root of the solid angle of a pixel there."""
         if self._plain:
             x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
             return np.asarray((1 + x * x + y * y) ** -0.75 / math.sqrt(self.f_px * self.fy_px))
@@ -294,13 +297,13 @@ class Camera:
         return np.asarray(np.sqrt(np.linalg.norm(np.cross(along_u, along_v), axis=1)))
 
     def in_frame(self, uv: NDArray[np.float64], margin_px: float = 0.0) -> NDArray[np.bool_]:
-        """Tell which positions, shape (n, 2), lie in the frame widened by `margin_px`; shape (n,). NaN does not."""
+        """Return which positions, shape (n, 2), are in the frame widened by `margin_px`; shape (n,). NaN is outside."""
         u, v = uv[:, 0], uv[:, 1]
         inside_u = (u >= -0.5 - margin_px) & (u <= self.width - 0.5 + margin_px)
         return np.asarray(inside_u & (v >= -0.5 - margin_px) & (v <= self.height - 0.5 + margin_px))
 
     def check_positions(self, uv: NDArray[np.float64]) -> None:
-        """Raise `CameraError` where a position, shape (n, 2), lies far outside the frame."""
+        """Raise `CameraError` if a position, shape (n, 2), is far outside the frame."""
         outside = ~self.in_frame(uv, OUTSIDE_FRAME_PART * self.width)
         if outside.any():
             u, v = uv[np.flatnonzero(outside)[0]]
@@ -331,7 +334,7 @@ class Camera:
 
 
 def _coefficients(model: str, name: str, given: ArrayLike, most: int) -> tuple[float, ...]:
-    """Return coefficients as a tuple of at most `most` floats; zeros beyond these are left out."""
+    """Return the coefficients as a tuple of at most `most` floats; zeros beyond `most` are dropped."""
     array = real_array(given, f"camera {name}", CameraError)
     if array.ndim != 1 or not (np.abs(array) <= _LARGEST_COEFFICIENT).all():
         raise CameraError(f"camera {name} must be a list of numbers, none of them above {_LARGEST_COEFFICIENT:g}")

@@ -1,4 +1,4 @@
-"""What callers give, checked before it is used: numbers, arrays of them, and the fields of configurations."""
+"""Validation of callers' input: numbers, arrays of numbers, and the fields of configurations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.errors import CelnavError, ConfigError
 
-# Whole numbers beyond it are none of a float's, and no count is as large.
+# Beyond this, floats do not represent every whole number; no count is as large.
 _LARGEST_WHOLE = 2**53
 _LONGEST_SHOWN = 40
 # Types of the fields of each kind of configuration, looked up once.
@@ -24,7 +24,7 @@ _HINTS: dict[type, dict[str, Any]] = {}
 def finite_number(
     value: object, what: str, error: type[CelnavError], least: float = -math.inf, most: float = math.inf
 ) -> float:
-    """Return a number as a float; raises `error`, which names `what`, unless it is finite and from `least` to `most`."""
+    """Return a number as a float; raise `error`, which names `what`, unless it is finite and from `least` to `most`."""
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -36,7 +36,7 @@ def finite_number(
 
 
 def real_array(values: ArrayLike, what: str, error: type[CelnavError]) -> NDArray[np.float64]:
-    """Return numbers as a new array of floats, of the shape that they have; raises `error`, which names `what`."""
+    """Return numbers as a new array of floats of the same shape; raise `error`, which names `what`, if they are not."""
     try:
         array = np.array(values)
         if np.iscomplexobj(array):
@@ -49,7 +49,7 @@ def real_array(values: ArrayLike, what: str, error: type[CelnavError]) -> NDArra
 
 
 def real_rows(values: ArrayLike, columns: int, what: str, error: type[CelnavError]) -> NDArray[np.float64]:
-    """Return numbers as floats of shape (n, columns), one row allowed without its brackets; raises `error`."""
+    """Return numbers as floats of shape (n, columns), accepting a single row of shape (columns,); raise `error` otherwise."""
     given = isinstance(values, np.ndarray) and values.dtype == np.float64
     array = np.asarray(values) if given else real_array(values, what, error)
     if array.shape[-1:] not in ((columns,), (0,)):
@@ -58,7 +58,7 @@ def real_rows(values: ArrayLike, columns: int, what: str, error: type[CelnavErro
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it: short, whatever it is."""
+    """Return a short text of any value, for messages."""
     if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
         return f"{'-' if value < 0 else ''}(a whole number of {value.bit_length()} bits)"
     text = " ".join(repr(value).split())
@@ -66,12 +66,12 @@ def shown(value: object) -> str:
 
 
 def bounded(default: Any = MISSING, least: float = -math.inf, most: float = math.inf) -> Any:
-    """Make a field of a configuration whose numbers lie from `least` to `most`."""
+    """Make a dataclass field of a configuration whose numbers must be from `least` to `most`."""
     return field(default=default, metadata={"least": least, "most": most})
 
 
 def check_fields(config: Any) -> None:
-    """Raise `ConfigError` unless each field of a configuration has its declared type and lies within its bounds."""
+    """Raise `ConfigError` unless each field of a configuration has its declared type and is within its bounds."""
     kind = type(config)
     if kind not in _HINTS:
         _HINTS[kind] = typing.get_type_hints(kind)

@@ -17,7 +17,7 @@ EXIT_FIX, EXIT_REFUSAL, EXIT_BAD_INPUT = 0, 1, 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
+    """Run the command and return the exit status."""
     started_s = _process_started_s() if argv is None else time.perf_counter()
     arguments = parser().parse_args(argv)
     status = EXIT_FIX
@@ -36,13 +36,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         print(printable(text), flush=True)
     except BrokenPipeError:
-        # The reader closed the pipe. The rest must not be written again when the interpreter ends.
+        # The reader closed the pipe. Buffered output must not be written again when the interpreter exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return status
 
 
 def _process_started_s() -> float:
-    """Return the value that `time.perf_counter` had when this process began, to 10 ms; now, where nothing tells it."""
+    """Return the value of `time.perf_counter` when this process began, to 10 ms; its present value if that is unknown."""
     now_s = time.perf_counter()
     try:
         after_the_name = Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()

@@ -1,4 +1,4 @@
-"""Star detection: a filter matched to the stars' image, peaks told apart, centroids with standard deviations."""
+"""Star detection: matched filter, peaks, rejection of sources unlike stars, and centroids with standard deviations."""
 
 from __future__ import annotations
 
@@ -52,17 +52,20 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# The background is subtracted in single precision; anything smaller than this part of the image is rounding.
+# The background is subtracted in single precision; anything below this fraction of the largest pixel value is rounding.
 _FLOAT_ROUNDING = 4e-6
 _FIRST_SIGMA_PX = 1.0
-# A filter serves stars whose width is within these factors of its own, and loses 6 % of their signal at most.
+# A filter is good enough for stars whose width is within these factors of its own; it loses at most 6 % of their signal.
 _SERVES = (0.7, 1.35)
 _SHAPE_ROUNDS = 2
-# The map of noise is clipped, and known to some per cent: so much more keeps the false alarms at those of the threshold.
+# The noise map is estimated with clipping and known to some per cent only. Raising the threshold by this factor keeps the
+# rate of false detections at that of the nominal threshold.
 _NOISE_MARGIN = 1.04
-# The noise of the filtered image is correlated over a star: tiles of so many of its standard deviations hold enough of it.
+# The noise of the filtered image is correlated over the width of a star. Tiles of this many standard deviations of the star
+# image hold enough independent values.
 _TILE_OVER_SIGMA = 24
-# Light of another form than a star's, over the star's, from which on a compact image is no star's.
+# A compact source is rejected if its light that does not have a star's form, relative to the star's light, reaches the first
+# value at a significance of the second.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
 _COMPACT_VARIANCE, _WIDER_THAN_GUESSED = 4.0, 1.1
 
@@ -76,18 +79,18 @@ class Detections:
     uv : ndarray, shape (n, 2)
         Centroids, pixels.
     flux : ndarray, shape (n,), or None
-        Light above the background, up to a constant factor of the image's unit; None where unknown.
+        Light above the background, in the image's unit up to a constant factor; None if unknown.
     shape : tuple of int or None
-        Height and width of the image they come from.
+        Height and width of the image that the detections come from.
     sigma_px : ndarray, shape (n,), or None
-        Standard deviation of each centroid along each axis, pixels; None where unknown. Of a streak the root mean square of
-        those along and across it.
+        Standard deviation of each centroid along each axis, pixels; None if unknown. For a streak, the root mean square
+        of the standard deviations along and across it.
     streak_px : ndarray, shape (n, 2), or None
-        From one end of a star's streak to the other, in either sense, pixels; 0 where it has left none, None where none has.
-        Its position is then the middle between the ends.
+        Vector from one end of a star's streak to the other, in either sense, pixels; 0 for a star without a streak, None
+        if no star has one. The position of a streak is the midpoint of its ends.
     sigma_across_px : ndarray, shape (n,), or None
-        Standard deviation across the streak, pixels; `sigma_px` again where there is none. Positions along a streak are known
-        less well by far.
+        Standard deviation across the streak, pixels; equal to `sigma_px` for a star without one. The position along a
+        streak is much less certain.
     """
 
     uv: F8
@@ -103,33 +106,35 @@ class Detections:
 
 @dataclass(frozen=True)
 class DetectionConfig:
-    """Choices of the detection.
+    """Configuration of the detection.
 
     Attributes
     ----------
     seed_sigma : float
-        A star is a peak of the filtered image this many standard deviations above zero. At 4.5 white noise makes about
-        three false stars in a million pixels.
+        Threshold: a star is a peak of the filtered image this many standard deviations above zero. At 4.5, white noise
+        causes about three false detections per million pixels.
     grow_sigma : float
-        Pixels above this many belong to a component; components tell trails.
+        Threshold for connected components, in standard deviations; the components serve to recognise trails.
     psf_sigma_px : float or None
-        Standard deviation of the point spread function; None measures it, with its change over the frame.
+        Standard deviation of the point spread function; None measures it and its variation over the frame.
     streak_px : tuple of float or None
-        Displacement (du, dv) of stars during the exposure where the motion of the camera is known; None measures it.
+        Displacement (du, dv) of stars during the exposure, if the motion of the camera is known; None measures it.
     gain_e_per_dn : float or None
-        Electrons per unit of the image, for the photon noise of stars; None takes the sky's noise as that of its light.
+        Electrons per unit of the image, for the photon noise of stars; None assumes that the noise of the sky is the
+        photon noise of its light.
     saturation_dn : float or None
-        Value from which pixels are saturated; None: where four or more together share the highest value within 3 %.
+        Value from which pixels are saturated; None derives it from groups of four or more pixels that share the highest
+        value within 3 %.
     max_area_px : int
-        Saturated areas that are larger are no stars (the Moon, lamps).
+        Largest saturated area that can be a star; larger ones are the Moon or lamps.
     trail_length_px : float or None
-        A narrow component that is this much longer than stars, and bright all along, is the trail of a satellite or an
-        aeroplane; None keeps all.
+        A narrow component that exceeds the length of stars by this much and is bright over its whole length is rejected
+        as the trail of a satellite or an aeroplane; None keeps all.
     tile_px : int
-        Side of the tiles whose medians make background and noise.
+        Side of the tiles whose medians give background and noise.
     float_floor : float
-        For images of floating-point numbers: least threshold as a part of the highest peak. It acts on noise-free
-        images, where the noise is zero. Integer images have a floor of one step.
+        For floating-point images: least threshold, as a fraction of the highest peak. It matters for noise-free images,
+        where the noise is zero. Integer images have a floor of one step.
     """
 
     seed_sigma: float = 4.5
@@ -164,24 +169,24 @@ def detect(
     Parameters
     ----------
     image : array_like, shape (height, width) or (height, width, 3 or 4)
-        Brightness; colours are averaged with Rec. 601 weights, and a fourth channel (opacity) is left out. Masked entries of
-        a `numpy.ma.MaskedArray` are not used.
+        Brightness. Colours are averaged with Rec. 601 weights, and a fourth channel (opacity) is ignored, as are masked
+        entries of a `numpy.ma.MaskedArray`.
     mask : array_like of bool, shape (height, width), optional
         True where the image is **not** to be used (an overlay, a horizon, dead pixels).
     config : DetectionConfig or FloodFillConfig, optional
-        Choices; a `FloodFillConfig` detects as the thesis does.
+        Configuration; with a `FloodFillConfig`, stars are detected as in the thesis.
 
     Returns
     -------
     Detections
-        Brightest first.
+        Detected stars, brightest first.
 
     Raises
     ------
     ImageError
-        For a wrong shape, NaN, or a mask that does not fit.
+        For a wrong shape, NaN, or a mask that does not fit the image.
     ConfigError
-        For a configuration of another kind.
+        For a configuration of another type.
     """
     config = _USUAL if config is None else config
     image, mask = unmasked(image, mask)
@@ -219,7 +224,7 @@ def detect(
     usual_noise = typical(noise, used)
     level = remove_line_offsets(light, usual_noise, used)
     if level is not light:
-        # Neighbours of different lines differed by the lines' offsets, too.
+        # Neighbours in different lines also differed by the lines' offsets, so the noise is estimated again.
         white = mean_map([background_and_noise(level, used, grid)[1] for grid in tiles.both])
         light, noise = level, replace(noise, white=white)
         usual_noise = typical(noise, used)
@@ -238,7 +243,7 @@ def detect(
         shape = shape if seen is None else seen
     found = _search(light, noise, used, shape, config)
     if not known:
-        # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.
+        # Streaks fall apart under a filter for point sources, so the shape is measured again on the stars found with it.
         for _ in range(_SHAPE_ROUNDS):
             measured = shape_of_components(
                 light, found.noise, found.parts, found.part_of_peak, cores, config.max_area_px
@@ -281,7 +286,7 @@ def detect(
 
 
 def _given_shape(config: DetectionConfig, size: tuple[int, ...]) -> StarShape:
-    """The shape that is known beforehand, or a guess to start from."""
+    """Return the star shape given by the configuration, or an initial guess."""
     variance = (_FIRST_SIGMA_PX if config.psf_sigma_px is None else config.psf_sigma_px) ** 2
     du, dv = (0.0, 0.0) if config.streak_px is None else config.streak_px
     return StarShape.constant(variance + du * du / 12, du * dv / 12, variance + dv * dv / 12, (size[0], size[1]))
@@ -289,9 +294,9 @@ def _given_shape(config: DetectionConfig, size: tuple[int, ...]) -> StarShape:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The filtered image, the noise of white pixels that would make its own, its components, and its peaks.
+    """The filtered image with its components and peaks, and the white pixel noise equivalent to its own noise.
 
-    Peaks are brightest first; `part_of_peak` are the components that they lie in.
+    Peaks are sorted brightest first; `part_of_peak` holds the component that each is in.
     """
 
     filtered: Filtered
@@ -311,7 +316,7 @@ def _search(
     config: DetectionConfig,
     parts: Components | None = None,
 ) -> _Found:
-    """Filter the image, and find the peaks of what stands out, and its components unless they are known."""
+    """Filter the image and find significant peaks, and the components unless they are supplied."""
     filtered = matched_filter(light, shape)
     middle = (np.array([[light.shape[1], light.shape[0]]]) - 1) / 2
     extent_px = float(np.sqrt(axes(shape.at(middle))[0][0]))
@@ -327,7 +332,7 @@ def _search(
 
 
 def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[NDArray[np.intp], F4]:
-    """Find pixels above `least` standard deviations: indices of the flattened image, and their own number; shapes (n,)."""
+    """Find pixels above `least` standard deviations; return their flat indices and significances, shapes (n,)."""
     zones = filtered.noise_factor if filtered.noise_factor.size > 1 else None
     times = _NOISE_MARGIN * least * (1.0 if zones is not None else float(filtered.noise_factor[0, 0]))
     at, limit = noise.exceeding(filtered.amplitude, times, zones)
@@ -338,8 +343,8 @@ def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[ND
 def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:
     """Select the sources whose width and form agree with those of stars within the noise.
 
-    Particle tracks differ in form from compact stars; streaks and large disks are not compared in form. Where the shape is
-    only a guess, wider sources are kept: they may be wider stars.
+    The form distinguishes particle tracks from compact stars; streaks and large disks are not compared in form. Where the
+    star shape is only a guess, wider sources are kept, since they may be wider stars.
     """
     leeway = 5 / np.maximum(stars.snr, 1e-9)
     formed = (stars.unlike < _UNLIKE) | (stars.significance < _UNLIKE_SIGNIFICANCE)
@@ -350,7 +355,7 @@ def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:
 
 
 def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: DetectionConfig) -> tuple[F8, F8, F8]:
-    """Positions, fluxes and standard deviations of saturated stars, from all their light, the flat top included."""
+    """Measure positions, fluxes and standard deviations of saturated stars from all their light, including the flat top."""
     small = np.pi * cores.radius_px**2 <= config.max_area_px
     uv, radius = cores.uv[small], cores.radius_px[small]
     places, fluxes, radii = [], [], []
@@ -365,7 +370,7 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
         window = part * np.exp(-0.5 * ((columns - place[0]) ** 2 + (rows - place[1]) ** 2) / (r + s) ** 2)
         total = float(window.sum())
         moved = np.array([(window * (columns - place[0])).sum(), (window * (rows - place[1])).sum()])
-        # Where a bright sky reaches the full scale, a core need not stand out of it, and is no star.
+        # Where a bright sky reaches full scale, a saturated core may not stand out from it; it is then not a star.
         if not np.abs(moved).max() < total * (r + s):
             continue
         places.append(place + moved / total)
@@ -375,7 +380,7 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
 
 
 def as_positions(uv: ArrayLike) -> F8:
-    """Return pixel positions as an (n, 2) array of finite numbers; raises `DetectionError` otherwise."""
+    """Return pixel positions as an (n, 2) array of finite numbers; raise `DetectionError` if they are not valid."""
     positions = _unmasked("detections", uv)
     if positions.size == 0:
         return np.empty((0, 2))
@@ -389,7 +394,7 @@ def as_positions(uv: ArrayLike) -> F8:
 
 
 def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = None) -> Detections:
-    """Return validated detections for whatever `celnav.solve` accepts as such."""
+    """Return validated detections for any value that `celnav.solve` accepts as detections."""
     shape, sigma, streak, across = None, None, None, None
     if isinstance(detections, Detections):
         if flux is not None:
@@ -416,7 +421,7 @@ def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = N
 
 
 def _unmasked(name: str, values: ArrayLike) -> F8:
-    """Return numbers as a new array of floats; raises `DetectionError` where some have no value."""
+    """Return numbers as a new array of floats; raise `DetectionError` if some entries are masked."""
     if np.ma.is_masked(values):
         raise DetectionError(f"{name} has masked entries, which have no value: leave them out")
     return real_array(values, name, DetectionError)

@@ -1,12 +1,12 @@
-"""Errors that celnav raises for input it cannot work with.
+"""Errors that celnav raises for input that it cannot use.
 
-A frame that holds no answer is not an error: the solver returns a `Fix` with ``ok=False`` and a reason. An error means
-that the question itself is malformed; its message is one line that names what is wrong and what to do.
+A frame without a solution is not an error: the solver returns a `Fix` with ``ok=False`` and a reason. An error means that the
+input itself is malformed; its message is one line that says what is wrong and what to do.
 """
 
 
 class CelnavError(ValueError):
-    """Base of every error that celnav raises on purpose."""
+    """Base class of every error that celnav raises deliberately."""
 
 
 class CameraError(CelnavError):
@@ -14,15 +14,15 @@ class CameraError(CelnavError):
 
 
 class AttitudeError(CelnavError):
-    """The attitude is not a rotation, or its uncertainties make no sense."""
+    """The attitude is not a rotation, or its uncertainties are invalid."""
 
 
 class TimeError(CelnavError):
-    """The time is not an unambiguous UTC."""
+    """The time is not an unambiguous UTC time."""
 
 
 class EarthRotationError(CelnavError):
-    """The Earth's orientation is not known for the time asked for."""
+    """The Earth's orientation is not known for the requested time."""
 
 
 class DetectionError(CelnavError):
@@ -30,16 +30,16 @@ class DetectionError(CelnavError):
 
 
 class ImageError(CelnavError):
-    """The image is missing, truncated, too large, or of a kind that celnav does not read."""
+    """The image is missing, truncated, too large, or of a type that celnav does not read."""
 
 
 class CatalogError(CelnavError):
-    """The star catalogue cannot be read, or a star that was asked for is not in it."""
+    """The star catalogue cannot be read, or a requested star is not in it."""
 
 
 class ConfigError(CelnavError):
-    """A solver that does not exist, or an option with a value out of range."""
+    """The solver does not exist, or an option has a value out of range."""
 
 
 class CalibrationError(CelnavError):
-    """The frames do not determine the camera, or a calibration that is read makes no sense."""
+    """The frames do not determine the camera, or a calibration read from a file is invalid."""

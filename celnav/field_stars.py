@@ -1,4 +1,4 @@
-"""The field once it is identified: which stars the frame is deep enough for, and which planets stand in it."""
+"""Stars and planets of an identified field: which stars the frame is deep enough for, and which planets it shows."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from celnav.uncertainty.shared_residuals import SharedField
 
 F8 = NDArray[np.float64]
 
-# Pairs of a detection and a star that one adjustment has to weigh, about: a hundred thousand take a second. Only
-# thousands of detections that scatter by many pixels come near it, and then fainter stars are left out.
+# Approximate limit on the pairs of a detection and a star that one adjustment weighs; a hundred thousand take a second.
+# Only thousands of detections that scatter by many pixels come near it, and then fainter stars are left out.
 MOST_PAIRS = 30_000
-# Fewest stars in the field for which fainter ones are left out.
+# Fainter stars are left out only as long as at least this many stars remain in the field.
 FEWEST_STARS = 200
 _NO_PLANETS = np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
-# Stars so faint that fewer of them, in multiples of chance, have a detection are left out: one in eight would be false.
+# Stars are left out where they are so faint that detections occur near them less than this many times as often as by
+# chance: one in eight would be false.
 _OVER_CHANCE = 8.0
 
 
@@ -41,9 +42,10 @@ def _with_diurnal_aberration(dirs: F8, zenith: F8) -> F8:
 
 
 def aberrated(rotation: F8, camera: Camera, utc: Utc) -> F8:
-    """Turn an orientation that was found with places free of aberration to one for places as seen, shape (3, 3).
+    """Convert an orientation found with positions free of aberration to one for apparent positions, shape (3, 3).
 
-    Over a narrow field the annual aberration, up to 20.5 arcsec, is one turn, and several pixels of a long lens.
+    Over a narrow field the annual aberration, up to 20.5 arcsec, is a single rotation; with a long lens it amounts to
+    several pixels.
     """
     x, y, z = (rotation.T @ np.array(field_cone(camera)[0])).tolist()
     p, q, r = earth_at(utc).beta.tolist()
@@ -58,12 +60,13 @@ def visible_stars(
     to_terrestrial: F8,
     alignment: Alignment,
 ) -> tuple[StarCatalog, F8, float, tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Choose the stars of the field that the frame is deep enough for.
+    """Choose the stars of the field that the frame is deep enough to show.
 
     Returns
     -------
-    The stars, their directions in the terrestrial frame (n, 3), the magnitude that parts seen from unseen ones, and the
-    pairs of detections and stars that may belong together.
+    StarCatalog, ndarray, float, tuple of two ndarrays
+        The stars, their directions in the terrestrial frame, shape (n, 3), the magnitude that separates seen from unseen
+        stars, and the pairs of detections and stars that may belong together.
     """
     camera = problem.observation.camera
     catalog = load_catalog()
@@ -97,13 +100,13 @@ def visible_stars(
 
 
 def pairing_radius(sigma_px: float) -> float:
-    """Distance up to which a detection and a star may belong together."""
+    """Distance up to which a detection and a star may belong together, pixels."""
     return max(5.0 * sigma_px + 0.5, 1.5)
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where an adjustment begins: orientation and camera, which belong together, noise and pairs.
+    """Starting point of an adjustment: orientation and camera, which belong together, noise and pairing radius.
 
     Attributes
     ----------
@@ -112,9 +115,9 @@ class Start:
     values : ndarray, shape (5,)
         Changes of the camera, in the order of `PARAMETERS`.
     sigma_px : float
-        Noise.
+        Noise of the positions.
     radius_px : float
-        Of the pairs.
+        Pairing radius.
     """
 
     rotation: F8
@@ -124,14 +127,14 @@ class Start:
 
     @classmethod
     def from_fit(cls, fit: Adjusted) -> Start:
-        """Where another adjustment ended."""
+        """Start where another adjustment ended."""
         return cls(fit.rotation, fit.camera_values, fit.sigma_px, pairing_radius(fit.sigma_px))
 
 
 def paired_at(
     camera: Camera, prepared: Prepared, dirs: F8, adjusted: Adjusted
 ) -> tuple[Start, tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Where the next adjustment begins after one, and the pairs of detections and stars there."""
+    """Return the start of an adjustment that follows another, and its pairs of detections and stars."""
     start = Start.from_fit(adjusted)
     predicted = nowhere_far_off(predict(camera, dirs @ start.rotation.T, start.values))
     detection, star, _ = candidate_pairs(prepared.uv, predicted, start.radius_px)
@@ -141,9 +144,9 @@ def paired_at(
 def seen_planets(
     problem: Problem, prepared: Prepared, adjusted: Adjusted, inertial: F8, taken: NDArray[np.integer]
 ) -> tuple[NDArray[np.int64], F8]:
-    """Name the detections, brighter than most, that stand where a planet does and are no star: pairs and residuals.
+    """Identify planets among the detections that are brighter than most and are not stars; return pairs and residuals.
 
-    `taken` are the rows of `prepared` that are stars.
+    `taken` holds the rows of `prepared` that are stars.
     """
     camera = problem.observation.camera
     n_bright = max(30, len(prepared.uv) // 10) if prepared.question.ranked else len(prepared.uv)
@@ -155,14 +158,14 @@ def seen_planets(
     predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
     visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
     scale = camera.radians_per_px(predicted[visible])
-    # Far outside the image a place may have an image by the lens' formula, and no scale.
+    # Far outside the frame the lens formula may give an image position but no plate scale.
     visible, scale = visible[np.isfinite(scale)], scale[np.isfinite(scale)]
     if not len(visible):
         return _NO_PLANETS
     radius = float(np.max(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
     seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
     order = np.argsort(distance, kind="stable")
-    # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
+    # Each planet gets its nearest detection; of planets in conjunction, the nearest gets their common detection.
     order = order[first_of_each(planet[order])]
     order = order[first_of_each(seen[order])]
     order = order[np.argsort(seen[order])]
@@ -172,18 +175,18 @@ def seen_planets(
 
 
 def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArray[np.bool_]:
-    """Tell which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
+    """Return which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
     centre = np.array([camera.cx_px, camera.cy_px])
     predicted = centre + math.exp(log_f) * (ideal - centre)
     return camera.in_frame(predicted, margin_px)
 
 
 def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, float]:
-    """Return how many of the stars, brightest first, to look for, and the magnitude that parts seen from unseen stars.
+    """Return how many stars to look for, brightest first, and the magnitude that separates seen from unseen stars.
 
-    That magnitude maximises the sum of what each star adds: a star that is seen adds as much as it is unlikely by
-    chance, one that is not takes away half of what bright stars add on average. Clouds with gaps hide bright stars and show
-    fainter ones: stars are looked for as deep as most of those seen are no chance.
+    That magnitude maximises a sum over the stars: a seen star adds as much as it is unlikely by chance, and an unseen one
+    subtracts half of what bright stars add on average. Clouds with gaps hide bright stars and show fainter ones, so stars are
+    looked for as deep as most of those seen are not due to chance.
     """
     if not len(seen):
         return 0, math.nan
@@ -207,9 +210,9 @@ def describe(
     shared: SharedField | None,
     air: Estimate | None,
 ) -> Fix:
-    """Put the identification into a fix that has no position yet; `air` is the relative error of the refraction as fitted."""
-    # The probabilities are approximate where pairs form loops, as the stars of a double within the noise:
-    # a detection and a star that are claimed twice belong to the likeliest pair.
+    """Make a fix without a position from the identification; `air` is the fitted relative error of the refraction."""
+    # The probabilities are approximate where pairs form loops, as with double stars closer than the noise. A detection or a
+    # star that is claimed twice goes to the most probable pair.
     likely = np.flatnonzero(adjusted.weight > 0.5)
     for claimed in (adjusted.star, adjusted.detection):
         if np.bincount(claimed[likely]).max(initial=0) > 1:

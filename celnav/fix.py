@@ -1,4 +1,4 @@
-"""The answer: a position with its uncertainty, or a refusal with a reason."""
+"""The answer of a solver: a position with its uncertainty, or a refusal with a reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 
 class Reason(StrEnum):
-    """Why a solver gives a position (`OK`) or refuses; docs/celnav.md explains each."""
+    """`OK` for a position, or why the solver refuses; docs/celnav.md explains each reason."""
 
     OK = "ok"
     TOO_FEW_DETECTIONS = "too_few_detections"
@@ -36,7 +36,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Changes of the camera that the solver estimated; None where it kept the camera's value.
+    """Corrections of the camera that the solver estimated; None for a value that it kept.
 
     Attributes
     ----------
@@ -69,44 +69,45 @@ class Fix:
     ok : bool
         Whether there is a position.
     reason : Reason
-        A code; it is a string.
+        Code of the reason, a string.
     message : str
-        The reason in words; empty for a fix.
+        The reason in words; empty if there is a position.
     lat_deg, lon_deg : float
-        Geodetic position on WGS84, east positive, -180 to 180; NaN for a refusal.
+        Geodetic position on WGS84; longitude is positive to the east, -180 to 180. NaN for a refusal.
     cov_km2 : ndarray, shape (2, 2), or None
-        Covariance of the position, east-north, km^2.
+        Covariance of the position in the axes east and north, km^2.
     confidence : float
-        0 to 1, as the solver defines it; 0 where there is no hypothesis.
+        0 to 1, as the solver defines it; 0 if there is no hypothesis.
     matches : ndarray of int64, shape (m, 2)
-        Index of the detection, star id (Hipparcos number, or minus the HR number of a star without one).
+        For each match, the index of the detection and the star id (Hipparcos number, or minus the HR number of a star
+        without one).
     residual_rms_px : float
         Root mean square distance between matched detections and predicted stars, pixels; NaN without a position.
     residuals_px : ndarray, shape (m, 2), or None
-        Observed minus predicted position of every match, pixels, where the solver tells.
+        Observed minus predicted position of every match, pixels; None if the solver does not report it.
     R_icrs_to_camera : ndarray, shape (3, 3), or None
-        Inertial attitude: takes ICRS directions (as seen, aberration included) to the camera frame.
+        Inertial attitude: takes apparent ICRS directions (aberration included) to the camera frame.
     rotation_cov_rad2 : ndarray, shape (3, 3), or None
         Covariance of the error of `R_icrs_to_camera` as a small rotation in the camera frame, rad^2.
     common_cov_rad2 : ndarray, shape (3, 3), or None
-        The part of it that other frames of a camera that stands still have alike: errors of lens and air.
+        The part of `rotation_cov_rad2` that all frames of a stationary camera share: errors of lens and air.
     limiting_mag : float
-        Magnitude down to which the frame shows the catalogue's stars, estimated; NaN where the solver does not tell.
+        Estimated magnitude down to which the frame shows the catalogue's stars; NaN if the solver does not report it.
     log10_false_alarm : float
-        Decimal logarithm of a bound on the probability that chance explains the identification; NaN where unknown.
+        Decimal logarithm of a bound on the probability that chance explains the identification; NaN if unknown.
     heading_off_deg : float
-        How far the heading that the stars imply is from the one given, degrees; NaN where no heading was given, or the
-        solver does not tell.
+        Difference between the heading that the stars imply and the supplied one, degrees; NaN if no heading was supplied
+        or the solver does not report it.
     calibration : Calibration
-        Changes of the camera that the solver estimated.
+        Corrections of the camera that the solver estimated.
     work : int
-        Work that the identification took, in look-ups (docs/solver.md, "Effort"); 0 where the solver does not count.
+        Work of the identification, in look-ups (docs/solver.md, "Effort"); 0 if the solver does not count it.
     time_ms : mapping of str to float
-        Time each stage took, milliseconds.
+        Time that each stage took, milliseconds.
     solver : str
         Name of the solver.
     details : mapping
-        Further diagnostics for people, for example the depth of the catalogue that the solver chose. No code depends on
+        Further diagnostics for human readers, for example the catalogue depth that the solver chose. No code depends on
         them.
     """
 

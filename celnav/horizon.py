@@ -1,9 +1,9 @@
-"""Position from the camera's orientation to the stars and its orientation to the horizon, so far as it is known.
+"""Position from the camera's orientation relative to the stars and its orientation, as far as known, relative to the horizon.
 
-The stars give the rotation from the terrestrial frame to the camera with a covariance; the attitude gives the rotation
-from east-north-up to the camera, or a part of it. Their quotient is the local frame of the observer: three numbers for
-the two unknowns, weighted by both covariances (Gauss-Markov), so that an unknown heading, an uncertain tilt and an exact
-attitude are one formula.
+The stars give the rotation from the terrestrial frame to the camera, with a covariance. The attitude gives the rotation from
+east-north-up to the camera, or a part of it. Their quotient is the local frame of the observer: three numbers for two
+unknowns, weighted by both covariances (Gauss-Markov), so that one formula covers an unknown heading, an uncertain tilt and
+an exact attitude.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, MEAN_RADIUS_KM, SEMI_MAJOR_AX
 F8 = NDArray[np.float64]
 
 LEAST_CONTRADICTION = 6.63
-"""Chi-squared of one degree of freedom that chance exceeds in one frame of a hundred."""
+"""Chi-squared with one degree of freedom that chance exceeds in one frame of a hundred."""
 CLEAR_SIGMAS = 5.0
-"""Standard deviations beyond which a heading contradicts the attitude, and is no error of the size that was told."""
+"""Standard deviations beyond which a heading error is a contradiction rather than an error of the stated size."""
 STEEP_LAT_DEG = 60.0
-"""Beyond it a small tilt turns the heading far, and what the heading is off counts less (`heading_contradicts`)."""
+"""Latitude beyond which a small tilt changes the heading by much, so heading errors count less (`heading_contradicts`)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A position from an orientation.
+    """A position derived from an orientation.
 
     Attributes
     ----------
     lat_deg, lon_deg : float
         Geodetic position.
     cov_km2 : ndarray, shape (2, 2)
-        East-north.
+        Covariance in the axes east and north.
     heading_off_deg : float
-        How far the heading that the stars imply is from the one given; NaN where none was given.
+        Difference between the heading that the stars imply and the supplied one; NaN if none was supplied.
     chi2 : float
-        Square of the turn that no position explains, in standard deviations by the attitude as it was told and the stars, one
-        degree of freedom; 0 where no heading was given.
+        Square of the rotation that no position explains, in standard deviations of the supplied attitude and the stars, with
+        one degree of freedom; 0 if no heading was supplied.
     """
 
     lat_deg: float
@@ -55,10 +55,9 @@ class Place:
 
 @lru_cache(maxsize=64)
 def horizontal_frame(attitude: Attitude) -> F8:
-    """Return R_cam, shape (3, 3); for an attitude of unknown heading any that has the zenith where it belongs.
+    """Return R_cam, shape (3, 3); if the heading is unknown, an arbitrary one with the zenith in the right direction.
 
-    That frame is the one of Duff et al. 2017, J. Comput. Graph. Tech. 6(1) 1. The array is shared: it cannot be written
-    to.
+    That one is the frame of Duff et al. 2017, J. Comput. Graph. Tech. 6(1) 1. The array is shared and cannot be written to.
     """
     if attitude.kind == "rotation":
         frame = attitude.R_cam
@@ -74,7 +73,7 @@ def horizontal_frame(attitude: Attitude) -> F8:
 
 
 def rotation_vector(rotation: F8) -> F8:
-    """Return the rotation vector, shape (3,), of a rotation matrix by less than half a turn."""
+    """Return the rotation vector, shape (3,), of a matrix that rotates by less than half a turn."""
     antisymmetric = 0.5 * np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )
@@ -84,13 +83,13 @@ def rotation_vector(rotation: F8) -> F8:
 
 
 def radii_km(lat_rad: float) -> tuple[float, float]:
-    """Radii of curvature of WGS84, east (prime vertical) and north (meridian), km."""
+    """Radii of curvature of WGS84 to the east (prime vertical) and to the north (meridian), km."""
     curvature = 1 - ECCENTRICITY_SQUARED * math.sin(lat_rad) ** 2
     return SEMI_MAJOR_AXIS_KM / math.sqrt(curvature), SEMI_MAJOR_AXIS_KM * (1 - ECCENTRICITY_SQUARED) / curvature**1.5
 
 
 def distance_km(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_deg: float) -> float:
-    """Return the distance of two places on a sphere of the Earth's mean radius, within 0.6 % of the true one."""
+    """Return the distance between two places on a sphere of the Earth's mean radius, within 0.6 % of the true one."""
     one, other = enu_rotation(lat_deg, lon_deg)[2], enu_rotation(other_lat_deg, other_lon_deg)[2]
     return MEAN_RADIUS_KM * math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
@@ -102,17 +101,19 @@ def honest_place(
     scatter_cov_rad2: F8 | None = None,
     doubt_deg: float = 0.0,
 ) -> Place:
-    """Find the position, and doubt an attitude that the stars contradict.
+    """Determine the position; raise the uncertainty of an attitude that the stars contradict.
 
-    The heading is the one angle of the attitude that stars can check. Where it is off by more than its standard deviation
-    and the stars' explain (`LEAST_CONTRADICTION`), the tilt, which came from the same hand and cannot be checked, is taken to
-    be as uncertain as the heading has proved to be: the attitude's variances are raised, all three alike, up to the square of
-    the turn that no position explains. That is what the heading is off times the cosine of the latitude, since a tilt to the
-    east moves the place along its parallel, and its meridian turns by the tangent of the latitude.
+    The heading is the only angle of the attitude that stars can check. If it is off by more than its standard deviation and
+    that of the stars explain (`LEAST_CONTRADICTION`), the tilt, which comes from the same source and cannot be checked, is
+    assumed to be as uncertain as the heading has proved to be: all three variances of the attitude are raised alike, up to
+    the square of the rotation that no position explains. That rotation is the heading error times the cosine of the
+    latitude, since a tilt to the east moves the position along its parallel, and its meridian turns by the tangent of the
+    latitude.
 
-    Parameters are those of `place_from_rotation`; `scatter_cov_rad2` is the covariance by the stars' scatter alone. The
-    position weighs stars and heading by it and by the attitude as it was told: what widens the covariance does not move the
-    position. `doubt_deg` is added to the attitude's standard deviations for another reason.
+    Parameters are those of `place_from_rotation`; `scatter_cov_rad2` is the covariance from the scatter of the stars alone.
+    Stars and heading are weighted by it and by the attitude as supplied, so that widening the covariance does not move the
+    position. `doubt_deg` is a further uncertainty of the attitude, from another cause, that is added to its standard
+    deviations.
     """
     weights = attitude, cov_rad2 if scatter_cov_rad2 is None else scatter_cov_rad2
     place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude, weights)
@@ -123,18 +124,19 @@ def honest_place(
 
 
 def heading_contradicts(place: Place, limit_deg: float) -> bool:
-    """Tell whether the stars contradict the heading given: by more than a limit, and by more than the errors told explain.
+    """Return whether the stars contradict the supplied heading by more than a limit and more than the stated errors explain.
 
-    The meridian turns by the tangent of the latitude times the zenith's error, so that near a pole an honest tilt turns the
-    heading by any angle. What stays small is the turn that no position explains, the heading's error times the cosine of the
-    latitude. Beyond `STEEP_LAT_DEG` that turn is held against the limit, which counts in full up to there.
+    The meridian turns by the tangent of the latitude times the error of the zenith, so near a pole a tilt within its stated
+    error can change the heading by any angle. What stays small is the rotation that no position explains, which is the
+    heading error times the cosine of the latitude. Beyond `STEEP_LAT_DEG` that rotation, scaled to join the full heading
+    error at `STEEP_LAT_DEG`, is compared with the limit; up to there, the heading error counts in full.
 
     Parameters
     ----------
     place : Place
-        From `honest_place`.
+        Result of `honest_place`.
     limit_deg : float
-        How far a heading may be off whatever its standard deviation.
+        Heading error that is accepted whatever the stated standard deviation.
     """
     if math.isnan(place.heading_off_deg) or place.chi2 <= CLEAR_SIGMAS**2:
         return False
@@ -143,7 +145,7 @@ def heading_contradicts(place: Place, limit_deg: float) -> bool:
 
 
 def doubted(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Attitude:
-    """Return the attitude with variances raised as `honest_place` raises them; itself where nothing contradicts."""
+    """Return the attitude with variances raised as `honest_place` raises them; unchanged if nothing contradicts it."""
     return _raised(attitude, place_from_rotation(terrestrial_to_camera, cov_rad2, attitude))
 
 
@@ -167,7 +169,7 @@ def _with_doubt(attitude: Attitude, doubt_deg: float) -> Attitude:
 def place_from_rotation(
     terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude, weights: tuple[Attitude, F8] | None = None
 ) -> Place:
-    """Find the position.
+    """Determine the position.
 
     Parameters
     ----------
@@ -176,10 +178,11 @@ def place_from_rotation(
     cov_rad2 : ndarray, shape (3, 3)
         Covariance of its error as a small rotation in the camera frame.
     attitude : Attitude
-        Knowledge of the camera's orientation to the horizon.
+        What is known of the camera's orientation relative to the horizon.
     weights : tuple of Attitude and ndarray, shape (3, 3), or None
-        Attitude and covariance by which stars and heading are weighed; None: those above, which is best where they hold. The
-        covariance returned is that of the position so found, under those above.
+        Attitude and covariance from which the weights of stars and heading follow; None uses `attitude` and `cov_rad2`,
+        which is best if these hold. The returned covariance is always that of the resulting position under `attitude` and
+        `cov_rad2`.
     """
     R_cam = horizontal_frame(attitude)
     local = R_cam.T @ terrestrial_to_camera
@@ -188,10 +191,10 @@ def place_from_rotation(
     zenith = local[2]
     lat, lon = math.asin(max(-1.0, min(1.0, float(zenith[2])))), math.atan2(float(zenith[1]), float(zenith[0]))
     if not with_heading:
-        # The frame's heading is arbitrary: to the true east and north it is a turn about the vertical.
+        # The heading of the frame is arbitrary; a rotation about the vertical leads to true east and north.
         heading = local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T
         (ee, en), (_, nn) = (heading.T @ covariance @ heading)[:2, :2]
-        # A turn about east moves the position north, one about north moves it west.
+        # A rotation about east moves the position north; one about north moves it west.
         return Place(
             math.degrees(lat), math.degrees(lon), kilometres(np.array([[nn, -en], [-en, ee]]), lat), math.nan, 0.0
         )
@@ -211,7 +214,7 @@ def place_from_rotation(
             lat, lon = math.copysign(math.pi, lat) - lat, lon + math.pi
         if math.hypot(float(east), float(north)) < 1e-12:
             break
-    # The one axis about which no position turns the horizon: it is square to the design, and at a pole too.
+    # The only axis about which no change of position rotates the horizon: it is orthogonal to the design, even at a pole.
     unmoved = np.array([0.0, -math.sin(lat), math.cos(lat)])
     return Place(
         math.degrees(lat),
@@ -223,13 +226,13 @@ def place_from_rotation(
 
 
 def _local_covariance(R_cam: F8, cov_rad2: F8, attitude: Attitude) -> F8:
-    """Covariance of the turn between the horizon by the stars and by the attitude, in the local frame, rad^2."""
+    """Covariance, in the local frame, of the rotation between the horizons given by stars and attitude, rad^2."""
     covariance = np.asarray(R_cam.T @ cov_rad2 @ R_cam)
     tilt, heading = math.radians(attitude.tilt_deg), math.radians(attitude.heading_deg)
     return covariance + np.diag([tilt**2, tilt**2, heading**2 if attitude.kind == "rotation" else 0.0])
 
 
 def kilometres(cov_rad2: F8, lat_rad: float) -> F8:
-    """Return a covariance of angles to east and north, rad^2, in km^2 on the ellipsoid."""
+    """Convert a covariance of angles to east and north, rad^2, to km^2 on the ellipsoid."""
     scale = np.array(radii_km(lat_rad))
     return np.asarray(cov_rad2 * scale[:, None] * scale)

@@ -1,8 +1,8 @@
 """Position from identified stars: a coarse grid, then Levenberg-Marquardt with a robust loss.
 
-The observed rays are taken to geometric ENU directions once (attitude, then Bennett's refraction, which wants the
-apparent altitude that the camera measures); what is left depends on the position by a rotation alone. Latitude and
-longitude turn that rotation about two axes at right angles everywhere, so the problem is well posed at the poles too.
+The observed rays are converted to geometric ENU directions once (attitude, then Bennett's refraction, which needs the
+apparent altitude that the camera measures). After that, the position enters through a rotation alone. Latitude and
+longitude turn that rotation about two axes that are perpendicular everywhere, so the problem is well posed at the poles too.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ class Weather:
 
 
 def usual_weather(height_m: float, pressure_hpa: float | None = None, temperature_c: float | None = None) -> Weather:
-    """Return the air at a height above the sea, m; what is not given falls as in the standard atmosphere.
+    """Return the air at a height above sea level, m; values not given follow the standard atmosphere.
 
-    From the 1010 hPa and 10 deg C of a `Weather` at sea level, by 6.5 K/km up to 11 km (U.S. Standard Atmosphere 1976).
+    They start from the 1010 hPa and 10 deg C of a default `Weather` at sea level; the temperature falls by 6.5 K/km up to
+    11 km (U.S. Standard Atmosphere 1976).
     """
     height_m = finite_number(height_m, "height_m", ConfigError, -1000, 30000)
     sea = Weather()
@@ -58,37 +59,37 @@ def usual_weather(height_m: float, pressure_hpa: float | None = None, temperatur
 
 
 def refracting(weather: Weather, more: float) -> Weather:
-    """Return air that refracts more (or less) than another by a part of it: thinner air where less, colder air where more."""
+    """Return air whose refraction differs by the fraction `more`: colder air if it is positive, thinner air if negative."""
     kelvin = (weather.temperature_c + 273.15) / (1 + max(more, 0.0))
     return Weather(weather.pressure_hpa * (1 + min(more, 0.0)), max(kelvin - 273.15, -100.0))
 
 
 @dataclass(frozen=True)
 class PositionConfig:
-    """Choices of the position estimate (the thesis, section 4.v and equation 3.10).
+    """Configuration of the position estimate (the thesis, section 4.v and equation 3.10).
 
     Attributes
     ----------
     grid_step_deg : float
         Step of the coarse grid in latitude and longitude.
     grid_stars : int
-        The grid uses at most this many stars, evenly chosen.
+        The grid search uses at most this many stars, chosen evenly.
     loss : str
-        ``soft-l1``, ``huber``, ``cauchy`` or ``squares``. The thesis leaves its robust loss open.
+        ``soft-l1``, ``huber``, ``cauchy`` or ``squares``. The thesis does not specify its robust loss.
     loss_scale_deg : float
-        Where the loss turns from square to less.
+        Error from which the loss grows more slowly than the square.
     weights : str
-        ``angle``: every star's angular error counts alike, as equation 3.10 has it; ``pixel``: errors are measured in
-        pixels, which is what centroid noise is uniform in.
+        ``angle``: the angular errors of all stars count alike, as in equation 3.10; ``pixel``: errors are measured in
+        pixels, in which centroid noise is uniform.
     clip_sigma, clip_floor_px : float
-        After a first estimate, stars off by more than this many robust standard deviations (and more than the floor)
-        are dropped and the estimate is made again; 0 keeps all.
+        After a first estimate, stars that are off by more than this many robust standard deviations (and by more than the
+        floor) are dropped, and the estimate is repeated; 0 keeps all.
     centroid_sigma_px : float or None
-        Standard deviation of a centroid along each axis for the covariance; None estimates it from the residuals.
+        Standard deviation of a centroid along each axis, for the covariance; None estimates it from the residuals.
     min_sigma_px : float
-        Floor of that estimate: few stars can agree by chance.
+        Floor of that estimate, since a few stars can agree by chance.
     max_iterations : int
-        Of Levenberg-Marquardt.
+        Largest number of Levenberg-Marquardt iterations.
     """
 
     grid_step_deg: float = bounded(5.0, 0.5, 45)
@@ -108,9 +109,9 @@ class PositionConfig:
 
 @dataclass(frozen=True, eq=False)
 class _Observed:
-    """Observed stars: geometric ENU directions (n, 3), two tangents each, (n, 2, 3), and radians per pixel, (n, 2, 2).
+    """Observed stars: geometric ENU directions (n, 3), two tangents of each (n, 2, 3), and radians per pixel (n, 2, 2).
 
-    The last maps a displacement in pixels onto the two tangents.
+    `radians_per_px` maps a displacement in pixels onto the two tangents.
     """
 
     dirs: F8
@@ -129,34 +130,35 @@ def fix_position(
     weather: Weather | None = None,
     dut1_s: float | None = None,
 ) -> Fix:
-    """Find the position from stars whose identities are known.
+    """Determine the position from identified stars.
 
     Parameters
     ----------
     uv : array_like, shape (n, 2)
-        Pixel positions; two stars or more give a unique position, one leaves two solutions of which one is returned.
+        Pixel positions. Two or more stars give a unique position; a single star leaves two solutions, of which one is
+        returned.
     star_ids : array_like of int, shape (n,)
-        Hipparcos numbers, or minus HR numbers of stars without one.
+        Hipparcos numbers, or minus the HR numbers of stars without one.
     camera : Camera
         The camera.
     utc : str, datetime or Utc
-        Mid-exposure.
+        Time of mid-exposure.
     attitude : Attitude or 3x3 array_like
-        Needs the heading (`Attitude.exact` or `Attitude.with_sigma`).
+        Attitude with a heading (`Attitude.exact` or `Attitude.with_sigma`).
     config, weather : optional
-        Choices, and the air for refraction.
+        Configuration of the estimate, and the air for refraction.
     dut1_s : float, optional
-        UT1-UTC in seconds, from the IERS table unless given.
+        UT1-UTC in seconds; taken from the IERS table unless given.
 
     Returns
     -------
     Fix
-        `matches` holds the stars that were used.
+        The position; `matches` holds the stars that were used.
 
     Raises
     ------
     CelnavError
-        For malformed input, or a star id that is not in the catalogue.
+        For malformed input or a star id that is not in the catalogue.
     """
     config = PositionConfig() if config is None else config
     weather = Weather() if weather is None else weather
@@ -209,11 +211,11 @@ def _whole_numbers(star_ids: ArrayLike, n: int) -> NDArray[np.int64]:
 
 
 def _observe(positions: F8, camera: Camera, attitude: Attitude, weather: Weather) -> _Observed:
-    """Bring pixel positions to geometric ENU directions, with the local scale of the camera."""
+    """Convert pixel positions to geometric ENU directions, with the local plate scale of the camera."""
     R_cam = attitude.R_cam
     rays = camera.to_rays(positions)
     dirs = unrefract(rays @ R_cam, weather.pressure_hpa, weather.temperature_c)
-    # Tangents along the directions in which the ray moves with u and v; refraction's own scale (below 1 %) is left out.
+    # Tangents along which the ray moves with u and v; the compression by refraction (below 1 %) is neglected.
     step = np.stack(
         [camera.to_rays(positions + 0.5 * axis) - camera.to_rays(positions - 0.5 * axis) for axis in np.eye(2)]
     )
@@ -229,7 +231,7 @@ def _take(observed: _Observed, rows: NDArray[np.intp]) -> _Observed:
 
 
 def _errors_px(solution: tuple[float, float], observed: _Observed, stars: TerrestrialStars) -> F8:
-    """Distance between observed and predicted, pixels, shape (n,)."""
+    """Distances between observed and predicted stars, pixels, shape (n,)."""
     along = np.einsum("nij,nj->ni", observed.tangents, stars.enu(*solution) - observed.dirs)
     return np.asarray(np.linalg.norm(np.linalg.solve(observed.radians_per_px, along[:, :, None])[:, :, 0], axis=1))
 
@@ -240,18 +242,18 @@ def _residuals(
     """Residuals, shape (n, 2), and their derivatives by latitude and longitude in radians, shape (n, 2, 2)."""
     predicted = stars.enu(*solution)
     lat = math.radians(solution[0])
-    # Going north turns the sky about the east axis; going east turns it about the Earth's axis.
+    # Moving north rotates the sky about the east axis; moving east rotates it about the Earth's axis.
     d_lat = np.column_stack((np.zeros(len(predicted)), -predicted[:, 2], predicted[:, 1]))
     axis = np.array([0.0, math.cos(lat), math.sin(lat)])
     d_lon = np.cross(predicted, axis)
     residual = np.einsum("nij,nj->ni", observed.tangents, predicted - observed.dirs)
-    # The chord's projection is short by cos(angle) for far-off predictions; its direction is what matters there.
+    # For far-off predictions the projected chord is short by cos(angle); there only its direction matters.
     jacobian = np.stack(
         [np.einsum("nij,nj->ni", observed.tangents, derivative) for derivative in (d_lat, d_lon)], axis=2
     )
     if config.weights == "pixel":
         to_px = np.linalg.inv(observed.radians_per_px)
-        # Scaled back to radians at the middle of the field, so that the loss scale keeps its meaning.
+        # Scaled back to radians at the centre of the field, so that the loss scale keeps its meaning.
         scale = 1.0 / np.abs(np.linalg.det(to_px)).min() ** 0.5
         residual = np.einsum("nij,nj->ni", to_px, residual) * scale
         jacobian = to_px @ jacobian * scale
@@ -259,14 +261,14 @@ def _residuals(
 
 
 def robust_loss(squares: F8, config: PositionConfig) -> tuple[F8, F8]:
-    """Loss of squared residuals and the weights of iterative reweighting, its derivative by the square.
+    """Loss of squared residuals, and its derivative by the square, which is the weight of iterative reweighting.
 
     Parameters
     ----------
     squares : ndarray, shape (n,)
         Squared residuals, rad^2.
     config : PositionConfig
-        Which loss, and its scale.
+        Selects the loss and its scale.
 
     References
     ----------
@@ -289,7 +291,7 @@ def robust_loss(squares: F8, config: PositionConfig) -> tuple[F8, F8]:
 def _solve(
     observed: _Observed, stars: TerrestrialStars, config: PositionConfig, start: tuple[float, float] | None = None
 ) -> tuple[float, float] | None:
-    """Latitude and longitude in degrees that minimise the mean robust loss, or None when it does not converge."""
+    """Return the latitude and longitude, degrees, that minimise the mean robust loss; None without convergence."""
     lat, lon = _grid_minimum(observed, stars, config) if start is None else start
 
     def loss(residual: F8) -> F8:
@@ -316,12 +318,12 @@ def _solve(
             damping *= 10
         if float(np.abs(step).max()) < 1e-11:  # 0.06 mm on the ground
             return lat, lon
-    # Steps that shrink to rounding while the damping grows are convergence too; a large last step is not.
+    # Steps that shrink to rounding errors while the damping grows also mean convergence; a large last step does not.
     return (lat, lon) if float(np.abs(step).max()) < 1e-8 else None
 
 
 def _normalise(lat_deg: float, lon_deg: float) -> tuple[float, float]:
-    """Bring a position that went over a pole, or around the Earth, back to its ranges."""
+    """Bring a position that went over a pole or around the Earth back into the usual ranges."""
     lat = math.remainder(lat_deg, 360.0)
     if abs(lat) > 90:
         lat, lon_deg = math.copysign(180.0, lat) - lat, lon_deg + 180.0
@@ -329,7 +331,7 @@ def _normalise(lat_deg: float, lon_deg: float) -> tuple[float, float]:
 
 
 def _grid_minimum(observed: _Observed, stars: TerrestrialStars, config: PositionConfig) -> tuple[float, float]:
-    """Node of the coarse grid with the smallest mean robust angular error."""
+    """Return the node of the coarse grid with the smallest mean robust angular error."""
     n = len(observed.dirs)
     rows = np.unique(np.linspace(0, n - 1, min(n, config.grid_stars)).astype(np.intp))
     lat = np.radians(np.arange(-90 + config.grid_step_deg / 2, 90, config.grid_step_deg))[:, None, None]
@@ -341,7 +343,7 @@ def _grid_minimum(observed: _Observed, stars: TerrestrialStars, config: Position
     north = np.cos(lat) * z - np.sin(lat) * toward
     up = np.cos(lat) * toward + np.sin(lat) * z
     cosine = np.clip(east * e + north * u_ + up * v, -1, 1)
-    # For the grid the loss is the angle itself, the soft-L1 loss far from its scale.
+    # For the grid the loss is the angle itself, which is the soft-L1 loss far beyond its scale.
     mean_angle = np.arccos(cosine).mean(axis=2)
     i, j = np.unravel_index(int(np.argmin(mean_angle)), mean_angle.shape)
     return float(np.degrees(lat[i, 0, 0])), float(np.degrees(lon[0, j, 0]))
@@ -354,7 +356,7 @@ def _covariance(
     attitude: Attitude,
     config: PositionConfig,
 ) -> F8 | None:
-    """Covariance of the position, east-north, km^2; None where one star leaves no residual to estimate it from."""
+    """Covariance of the position, east-north, km^2; None if a single star leaves no residual to estimate it from."""
     n = len(observed.dirs)
     if config.centroid_sigma_px is not None:
         sigma_px = config.centroid_sigma_px
@@ -369,7 +371,7 @@ def _covariance(
         bread = np.linalg.inv(np.einsum("n,nij,nik->jk", weight, jacobian, jacobian))
     except np.linalg.LinAlgError:
         return None
-    # Noise in pixels goes through the weights that were used: the sandwich J+ S J+^T.
+    # The noise in pixels propagates through the weights that were used: the sandwich J+ S J+^T.
     to_residual = observed.radians_per_px
     if config.weights == "pixel":
         to_px = np.linalg.inv(observed.radians_per_px)
@@ -377,7 +379,7 @@ def _covariance(
     gain = np.einsum("jk,n,nik->nji", bread, weight, jacobian)  # (n, 2, 2): residual -> latitude, longitude
     influence = gain @ to_residual
     covariance = sigma_px**2 * np.einsum("nij,nkj->ik", influence, influence)
-    # An attitude error turns all observed directions together, about east, north (tilt) and up (heading).
+    # An attitude error rotates all observed directions together, about east, north (tilt) and up (heading).
     sigmas = np.radians([attitude.tilt_deg, attitude.tilt_deg, attitude.heading_deg])
     if sigmas.any():
         turns = np.stack([np.cross(axis, observed.dirs) for axis in np.eye(3)])

@@ -1,4 +1,4 @@
-"""The question put to a solver, and the protocol that solvers follow."""
+"""The problem that a solver receives, and the protocol that solvers implement."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from celnav.position import Weather
 from celnav.sky.utc import Utc
 from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, ROTATION_RAD_S, SEMI_MAJOR_AXIS_KM
 
-# Within so many standard deviations lies a position of two coordinates but for one case in a thousand.
+# A position of two coordinates is within this many standard deviations in 999 of 1,000 cases.
 _SURE_SIGMAS = math.sqrt(-2 * math.log(1e-3))
-# A search at the camera's focal length, and at each factor on it, finds what is off by 6 % to both sides.
+# A search at the camera's focal length, or at a factor on it, tolerates an error of 6 % to both sides.
 _REACH = 0.06
 _COVERED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
 class LastKnown:
-    """A position known from before: geodetic latitude and longitude, and the radius (km) that surely holds the answer.
+    """A last known position: geodetic latitude and longitude, and a radius (km) that is certain to contain the answer.
 
-    It says where to look and what to refuse; it does not enter the position, so that fixes stay independent of it and of
-    each other.
+    It limits the search and decides what is refused, but does not enter the position, so that fixes stay independent of it
+    and of each other.
     """
 
     lat_deg: float = bounded(least=-90, most=90)
@@ -47,28 +47,29 @@ class LastKnown:
 
     @classmethod
     def with_sigma(cls, lat_deg: float, lon_deg: float, sigma_km: float) -> LastKnown:
-        """Position with a standard deviation along each axis, km; the radius holds 999 of 1,000 such positions."""
+        """Make one from a standard deviation along each axis, km; the radius contains 999 of 1,000 such positions."""
         sigma_km = finite_number(sigma_km, "sigma_km", ConfigError, least=1e-6)
         return cls(lat_deg, lon_deg, _SURE_SIGMAS * sigma_km)
 
 
 @dataclass(frozen=True)
 class ToldSigmas:
-    """Standard deviations of what a solver is told; 0: exact, or not known.
+    """Standard deviations of the values that a solver receives; 0 stands for exact or unknown.
 
     Attributes
     ----------
     utc_s : float
-        Of the time, seconds. It turns the Earth: an error of longitude that no star shows.
+        Standard deviation of the time, seconds. An error of the time is an error of longitude that the stars cannot
+        reveal, since it turns the Earth.
     focal : float
-        Of the focal length, relative; both axes together.
+        Relative standard deviation of the focal length, common to both axes.
     centre_px : float
-        Of each of the principal point's coordinates.
+        Standard deviation of each coordinate of the principal point, pixels.
     pressure_hpa, temperature_c : float
-        Of the air's.
+        Standard deviations of the air's pressure and temperature.
     distortion : float
-        Of the lens's first radial term k1: stars move from the principal point by k1 r^2 of their distance, r being the
-        distance over the focal length.
+        Standard deviation of the lens's first radial term k1: stars move away from the principal point by k1 r^2 times
+        their distance from it, with r the distance over the focal length.
     """
 
     utc_s: float = bounded(0.0, 0, 86400)
@@ -82,13 +83,13 @@ class ToldSigmas:
         check_fields(self)
 
     def distortion_at_corner(self, camera: Camera) -> float:
-        """Return the standard deviation of the distortion at half the frame's diagonal, relative to the distance."""
+        """Return the standard deviation of the distortion at half the frame's diagonal, relative to that distance."""
         return self.distortion * (math.hypot(camera.width, camera.height) / (2 * camera.f_px)) ** 2
 
     def focal_factors(self, usual: tuple[float, ...], camera: Camera) -> tuple[float, ...]:
         """Return factors on the focal length to search at, nearest first, so that three standard deviations are covered.
 
-        Over the frame, half of the distortion at its corner acts like a wrong focal length.
+        Averaged over the frame, half of the distortion at its corner acts like a wrong focal length.
         """
         sigma = math.hypot(self.focal, self.distortion_at_corner(camera) / 2)
         if _COVERED_SIGMAS * sigma <= _REACH:
@@ -97,7 +98,7 @@ class ToldSigmas:
         return tuple(math.exp(sign * 2 * _REACH * step) for step in range(1, steps + 1) for sign in (-1, 1))
 
     def loosened(self, attitude: Attitude, camera: Camera) -> Attitude:
-        """Return the attitude as a search may take it: a shifted principal point and a wrong time look like a turn."""
+        """Widen the attitude for a search, because a shifted principal point and a wrong time look like a rotation."""
         shift_deg, turn_deg = math.degrees(self.centre_px / camera.f_px), math.degrees(ROTATION_RAD_S * self.utc_s)
         if not (shift_deg or turn_deg):
             return attitude
@@ -108,12 +109,12 @@ class ToldSigmas:
         )
 
     def refraction(self, pressure_hpa: float, temperature_c: float) -> float:
-        """Return the relative standard deviation of the refraction, which goes with the pressure over the temperature."""
+        """Return the relative standard deviation of the refraction, which is proportional to pressure over temperature."""
         of_pressure = self.pressure_hpa / pressure_hpa if pressure_hpa > 0 else 0.0
         return math.hypot(of_pressure, self.temperature_c / (temperature_c + 273.15))
 
     def with_time(self, cov_km2: NDArray[np.float64], lat_deg: float) -> NDArray[np.float64]:
-        """Add the time's error to the covariance of a position, east-north, km^2, shape (2, 2)."""
+        """Add the uncertainty of the time to the covariance of a position, east-north, km^2, shape (2, 2)."""
         lat = math.radians(lat_deg)
         radius_km = SEMI_MAJOR_AXIS_KM / math.sqrt(1 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2) * math.cos(lat)
         return np.asarray(cov_km2 + np.diag([(ROTATION_RAD_S * self.utc_s * radius_km) ** 2, 0.0]))
@@ -121,7 +122,7 @@ class ToldSigmas:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One frame's question, validated.
+    """The validated problem of one frame.
 
     Attributes
     ----------
@@ -130,19 +131,19 @@ class Problem:
     utc : Utc
         Middle of the exposure.
     attitude : Attitude or None
-        Knowledge of the camera's orientation to the horizon.
+        What is known of the camera's orientation relative to the horizon.
     weather : Weather
-        For refraction.
+        Air at the observer, for refraction.
     dut1_s : float or None
         UT1-UTC, seconds; None takes it from the IERS table.
     near : LastKnown or None
-        Where the answer lies.
+        A circle that contains the answer.
     time_limit_s : float or None
-        Time by the clock after which the caller would rather have a refusal, from the start of the solver's `Stopwatch`.
+        Wall-clock time, counted from the start of the solver's `Stopwatch`, after which the caller prefers a refusal.
     sigmas : ToldSigmas
-        Standard deviations of time, lens and air as they are told.
+        Stated standard deviations of time, lens and air.
     turn_rad : ndarray, shape (3,), or None
-        Rotation vector of the sky in the camera frame during the exposure, in either sense, where streaks tell it.
+        Rotation vector of the sky in the camera frame during the exposure, in either sense, if streaks reveal it.
     """
 
     observation: Observation
@@ -157,7 +158,7 @@ class Problem:
 
 
 def check_time_limit(time_limit_s: float) -> None:
-    """Raise `ConfigError` unless the limit is a positive number of seconds."""
+    """Raise `ConfigError` unless the time limit is a positive number of seconds."""
     finite_number(time_limit_s, "time_limit_s", ConfigError, least=1e-9)
 
 
@@ -165,7 +166,7 @@ class Solver(Protocol):
     """Turns a problem into a fix."""
 
     def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
-        """Solve; stages are timed with `clock`."""
+        """Solve the problem; stages are timed with `clock`."""
         ...
 
 
@@ -176,7 +177,7 @@ class Stopwatch:
     Attributes
     ----------
     started_s : float
-        Value of `time.perf_counter` when it was made.
+        Value of `time.perf_counter` when the stopwatch was made.
     time_ms : dict of str to float
         Time of each stage.
     """
@@ -186,7 +187,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside under `name`."""
+        """Time the code in the ``with`` block under `name`."""
         start = time.perf_counter()
         try:
             yield

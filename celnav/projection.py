@@ -4,8 +4,8 @@ Normalised coordinates are pixels from the principal point over the focal length
 boresight. Sources: Brown 1966 and Conrady 1919 in the form of OpenCV's ``projectPoints`` (rational radial term);
 Kannala & Brandt 2006, IEEE TPAMI 28(8) 1335, in the form of ``cv2.fisheye``; the four ideal fisheye laws as in
 Ray 2002, Applied Photographic Optics. Decentring, thin prism (Weng, Cohen & Herniou 1992, IEEE TPAMI 14(10) 965) and a
-tilted sensor (Louhichi et al. 2007, Meas. Sci. Technol. 18(8) 2616) in the form of OpenCV's ``projectPoints``; of a
-fisheye they act on the coordinates that its law gives.
+tilted sensor (Louhichi et al. 2007, Meas. Sci. Technol. 18(8) 2616) in the form of OpenCV's ``projectPoints``; for a
+fisheye, they act on the coordinates that its law gives.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SEARCH_STEPS = 4000
 
 
 def _off_axis_shift(x: F8, y: F8, r2: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
-    """Shift by decentring p1, p2 and thin prism s1..s4 at normalised coordinates, r2 = x^2 + y^2; missing terms are 0."""
+    """Shift by decentring p1, p2 and thin prism s1..s4 at normalised coordinates; r2 = x^2 + y^2, missing terms are 0."""
     p1, p2 = (*p, *([0.0] * (2 - len(p))))
     dx, dy = 2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     if s:
@@ -36,7 +36,7 @@ def _off_axis_shift(x: F8, y: F8, r2: F8, p: tuple[float, ...], s: tuple[float, 
 
 
 def distort(x: F8, y: F8, k: tuple[float, ...], p: tuple[float, ...], s: tuple[float, ...] = ()) -> tuple[F8, F8]:
-    """Apply Brown-Conrady distortion to normalised coordinates; k1..k6 (rational), p1, p2 and s1..s4 as OpenCV has them."""
+    """Apply Brown-Conrady distortion to normalised coordinates; k1..k6 (rational), p1, p2 and s1..s4 as in OpenCV."""
     k1, k2, k3, k4, k5, k6 = (*k, *([0.0] * (6 - len(k))))
     r2 = x * x + y * y
     radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
@@ -63,7 +63,7 @@ def recentre(xd: F8, yd: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tupl
 
 
 def _invert(mapping: Callable[[F8, F8], tuple[F8, F8]], xd: F8, yd: F8, r_max: float) -> tuple[F8, F8]:
-    """Solve mapping(x, y) = (xd, yd) near (xd, yd); NaN where nothing within `r_max` of the origin does."""
+    """Solve mapping(x, y) = (xd, yd) near (xd, yd); NaN where there is no solution within `r_max` of the origin."""
     x, y = xd.copy(), yd.copy()
     h = 1e-6
     for _ in range(_NEWTON_ROUNDS):
@@ -75,7 +75,7 @@ def _invert(mapping: Callable[[F8, F8], tuple[F8, F8]], xd: F8, yd: F8, r_max: f
         determinant = np.where(np.abs(determinant) < 1e-6, 1e-6, determinant)
         ex, ey = xd - fx, yd - fy
         step_x, step_y = (d * ex - b * ey) / determinant, (a * ey - c * ex) / determinant
-        # A step of more than half the radius leaves the branch that holds the optical axis.
+        # A step of more than half the radius would leave the branch that contains the optical axis.
         length = np.hypot(step_x, step_y)
         limit = np.minimum(1.0, (0.25 + 0.5 * np.hypot(x, y)) / np.maximum(length, 1e-100))
         x, y = x + step_x * limit, y + step_y * limit
@@ -87,9 +87,9 @@ def _invert(mapping: Callable[[F8, F8], tuple[F8, F8]], xd: F8, yd: F8, r_max: f
 
 
 def tilted_sensor(tau_x: float, tau_y: float) -> F8:
-    """Homography of normalised coordinates onto a sensor turned by `tau_x` about u and `tau_y` about v, radians; (3, 3).
+    """Homography, shape (3, 3), of normalised coordinates onto a sensor tilted by `tau_x` about u and `tau_y` about v (rad).
 
-    The turned frame's rays are cut by the plane at unit distance along the old axis.
+    The rays of the tilted frame are intersected with the plane at unit distance along the old axis.
     """
     sin_x, cos_x, sin_y, cos_y = math.sin(tau_x), math.cos(tau_x), math.sin(tau_y), math.cos(tau_y)
     turn = np.array(
@@ -104,14 +104,14 @@ def tilted_sensor(tau_x: float, tau_y: float) -> F8:
 
 
 def onto(homography: F8, x: F8, y: F8) -> tuple[F8, F8]:
-    """Map points by a homography; NaN where they fall behind."""
+    """Map points by a homography; NaN for points that fall behind the camera."""
     x1, y1, w = (row[0] * x + row[1] * y + row[2] for row in homography)
     w = np.where(w > 0, w, np.nan)
     return x1 / w, y1 / w
 
 
 def distortion_limit(k: tuple[float, ...]) -> float:
-    """Radius up to which the Brown-Conrady radial term grows: beyond it two directions would share a pixel."""
+    """Radius up to which the Brown-Conrady radial term increases; beyond it, two directions would share a pixel."""
     r = np.linspace(0.0, 20.0, _SEARCH_STEPS)
     image, _ = distort(r, np.zeros_like(r), k, ())
     falling = np.flatnonzero(~(np.diff(image) > 0))
@@ -119,7 +119,7 @@ def distortion_limit(k: tuple[float, ...]) -> float:
 
 
 def theta_polynomial(theta: F8, k: tuple[float, ...]) -> F8:
-    """Kannala-Brandt radius of an angle: theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)."""
+    """Kannala-Brandt radius at an angle: theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)."""
     k1, k2, k3, k4 = (*k, *([0.0] * (4 - len(k))))
     t2 = theta * theta
     return np.asarray(theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
@@ -130,7 +130,7 @@ def largest_angle(law: Law, k: tuple[float, ...]) -> float:
     if law == "orthographic":
         return np.pi / 2
     if law == "stereographic":
-        return np.pi - 1e-3  # the antipode lies at infinity
+        return np.pi - 1e-3  # the antipode is at infinity
     if law != "kannala_brandt":
         return np.pi
     theta = np.linspace(0.0, np.pi, _SEARCH_STEPS)
@@ -152,7 +152,7 @@ def radius_of(law: Law, theta: F8, k: tuple[float, ...]) -> F8:
 
 
 def angle_of(law: Law, radius: F8, k: tuple[float, ...], theta_max: float) -> F8:
-    """Angle from the axis of a normalised image radius, radians; NaN beyond the image circle."""
+    """Angle from the axis for a normalised image radius, radians; NaN beyond the image circle."""
     if law == "equidistant":
         theta = radius
     elif law == "equisolid":
@@ -162,7 +162,7 @@ def angle_of(law: Law, radius: F8, k: tuple[float, ...], theta_max: float) -> F8
     elif law == "orthographic":
         theta = np.arcsin(np.where(radius <= 1, radius, np.nan))
     else:
-        # The polynomial grows on [0, theta_max], so a bracket holds the root and Newton's method polishes it.
+        # The polynomial increases on [0, theta_max], so the grid brackets the root, and Newton's method refines it.
         grid = np.linspace(0.0, theta_max, 2000)
         theta = np.interp(radius, theta_polynomial(grid, k), grid)
         for _ in range(4):

@@ -1,4 +1,4 @@
-"""The solver ``skybench``: hypotheses from bright detections, verification of the whole field, one adjustment of all."""
+"""The solver ``skybench``: hypotheses from bright detections, verified on the whole field, then one joint adjustment."""
 
 from __future__ import annotations
 
@@ -43,62 +43,64 @@ from celnav.uncertainty.turning_camera import at_mid_exposure, by_readout, fitte
 F8 = NDArray[np.float64]
 
 _USUAL_PRIORS = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05)}
-# Part of the effort that other focal lengths may take together.
+# Largest fraction of the effort that all other focal lengths may use together.
 MOST_FOCAL_EFFORT = 0.9
-# Of fitting the readout time: stars are weighed by what they scatter once the shear is off.
+# Rounds of the fit of the readout time. Each round weighs the stars by their scatter after the shear has been removed.
 _READOUT_ROUNDS = 2
-# On the noise to start with where streaks tell places across them far better than along: the first orientation may be off by
-# many of those standard deviations.
+# Factor on the initial noise where stars are streaks: their positions are far more accurate across the streak than along it,
+# and the first orientation may be off by many standard deviations across it.
 _STREAKS_SIGMA = 4.0
 
 
 @dataclass(frozen=True)
 class SkybenchConfig:
-    """Choices of the solver.
+    """Configuration of the solver.
 
     Attributes
     ----------
     search : SearchConfig
-        Of the identification.
+        Configuration of the identification.
     calibrate : str
-        ``auto``: fit the focal length too where the frame says clearly that it is off; ``none``: trust the camera;
-        ``full``: fit what `priors` leave free.
+        ``auto``: also fit the focal length where the frame shows clearly that it is off; ``none``: trust the camera;
+        ``full``: fit the parameters that `priors` leave free.
     priors : CameraPriors
         Standard deviations for ``full``.
     focal_factors : tuple of float
-        On the focal length, tried in turn where nothing fits the camera as it is given; not with ``none``. Each covers 6 %
-        to both sides.
+        Factors on the focal length, tried in turn where no identification fits the camera as given; not used with
+        ``none``. Each factor covers 6 % to both sides.
     focal_effort : float
-        Part of `max_work` for each of them. An eighth is 2.5 million look-ups: of fields whose focal length is off by 7 to
-        15 %, 95 in 100 are found with 2 million.
+        Fraction of `max_work` for each factor. An eighth is 2.5 million look-ups; 2 million suffice to identify 95 in 100
+        fields whose focal length is off by 7 to 15 %.
     max_work : int
-        Bound on the work of the identification, in look-ups: one look-up is one detection laid on the star map under one
-        hypothesis, and other steps count as many look-ups as take the same time
-        (`celnav.identification.effort`). The answer depends on it, and not on the machine. The default keeps the
-        refusal of any input at about 0.2 s on one idle core, and meets the bars of docs/solver.md, which shows what more
-        work finds.
+        Bound on the work of the identification, in look-ups. One look-up projects one detection onto the star map under
+        one hypothesis; other steps count as many look-ups as take the same time (`celnav.identification.effort`).
+        Unlike a time limit, it makes the answer independent of the machine. With the default, refusing any
+        input takes about 0.2 s on one idle core, and the solver meets the targets of docs/solver.md, which shows what
+        more work finds.
     time_limit_s : float or None
-        Time by the clock after which the identification gives up, looked at between batches of some milliseconds. Off by
-        default: under a time limit an answer may differ from machine to machine and from run to run. The caller's
-        ``celnav.solve(..., time_limit_s=)`` counts too; the shorter of both does.
+        Wall-clock time after which the identification gives up, checked between batches of some milliseconds. Off by
+        default, because under a time limit an answer may differ from machine to machine and from run to run. The
+        caller's ``celnav.solve(..., time_limit_s=)`` counts too; the shorter of the two applies.
     max_detections : int
-        Detections beyond this many, in their order of brightness, are left out: work after identification grows with
+        Largest number of detections used; fainter ones are left out, because the work after identification grows with
         their number.
     single_star_sigma_deg : float
-        With a heading and a tilt better than this, hypotheses come from single stars.
+        If heading and tilt are known better than this, hypotheses come from single stars.
     min_stars : int
-        Fewer matched stars are no fix.
+        Least number of matched stars for a fix.
     max_sigma_px : float
-        A frame whose residuals scatter more is refused.
+        A frame whose residuals scatter by more than this is refused.
     max_heading_off_deg : float
-        A heading that the stars contradict by more (plus five standard deviations) is refused, unless errors of the size told
-        explain it. Beyond 60 deg of latitude less of it counts (`celnav.horizon.heading_contradicts`).
+        A frame whose stars contradict the supplied heading by more than this (plus five standard deviations) is refused,
+        unless errors of the stated size explain it. Beyond 60 deg of latitude, part of the discrepancy is disregarded
+        (`celnav.horizon.heading_contradicts`).
     max_moved_deg : float
-        Where the vertical is told with a standard deviation, a heading that is off by no more is a mount that moved, and the
-        position is as uncertain as the heading has proved to be.
+        Where the vertical comes with a standard deviation, a heading that is off by at most this much is taken for a
+        mount that has moved. The position is then as uncertain as the heading has proved to be.
     readout_sigma : float
-        Of a camera that turns during the exposure: standard deviation of the time between the first and the last row that
-        its rolling shutter reads, over the exposure. It is fitted where stars are streaks. 0: a global shutter.
+        For a camera that turns during the exposure: standard deviation of the time from reading the first row of its
+        rolling shutter to reading the last, divided by the exposure time. The readout time is fitted where stars are
+        streaks. 0 stands for a global shutter.
     """
 
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -131,7 +133,7 @@ class SkybenchConfig:
 
 @dataclass(frozen=True)
 class SkybenchSolver:
-    """Solver ``skybench``; make a variant with a configuration of your own."""
+    """The solver ``skybench``; pass a configuration of your own to make a variant."""
 
     config: SkybenchConfig = field(default_factory=SkybenchConfig)
 
@@ -177,7 +179,7 @@ class SkybenchSolver:
             return replace(fix, work=effort.work)
 
     def _time_limit_s(self, problem: Problem) -> float:
-        """Return the shorter of the configuration's limit and the caller's; infinity where there is none."""
+        """Return the shorter of the configuration's time limit and the caller's; infinity if neither is set."""
         limits = (self.config.time_limit_s, problem.time_limit_s)
         return min((limit for limit in limits if limit is not None), default=math.inf)
 
@@ -191,7 +193,7 @@ class SkybenchSolver:
         priors: CameraPriors,
         air: Estimate | None = None,
     ) -> Fix:
-        """Match the whole field, adjust it, and find the place; `air` is the refraction's error that the stars have shown."""
+        """Match the whole field, adjust it and find the position; `air` is the error of the refraction shown by the stars."""
         camera = problem.observation.camera
         identified = alignment
         alignment = replace(alignment, rotation=aberrated(alignment.rotation, camera, problem.utc))
@@ -217,10 +219,11 @@ class SkybenchSolver:
                 )
                 return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown)
             widened, shared = with_shared_errors(named, priors, problem.attitude)
-            # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
+            # Residuals that neighbours share come from a wrong lens or moving air, and say nothing about the scatter of
+            # single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 weighed = given.weighed(sigmas)
-                # Orientation and camera belong together: with the camera as it was told the stars would be elsewhere.
+                # Orientation and camera belong together: with the camera as supplied, the stars would be elsewhere.
                 anew, pairs = paired_at(camera, weighed, dirs, adjusted)
                 again, moved, read = self._adjust(problem, weighed, dirs, pairs, anew, priors)
                 if again is not None:
@@ -268,7 +271,7 @@ class SkybenchSolver:
         start: Start,
         priors: CameraPriors,
     ) -> tuple[Adjusted | None, Prepared, Estimate | None]:
-        """Adjust the field; where the camera turned, with the readout time, whose shifts are taken off the detections."""
+        """Adjust the field; if the camera turned, also fit the readout time and subtract its shifts from the detections."""
         adjusted = self._adjust_given(problem, prepared, dirs, pairs, start, priors)
         camera, turn, sigma = problem.observation.camera, problem.turn_rad, self.config.readout_sigma
         if adjusted is None or turn is None or sigma == 0:
@@ -309,8 +312,8 @@ class SkybenchSolver:
             if adjusted is None:
                 return None
             if adjusted.sigma_px > self.config.max_sigma_px:
-                break  # a refusal: pairs that lie farther apart would scatter more
-            # Pairs that the first guess left out would hold the solution back where it was.
+                break  # refused in any case: pairs farther apart would only scatter more
+            # If pairs that the first guess left out stayed out, they would hold the solution near its starting point.
             after = predict(camera, dirs @ adjusted.rotation.T, adjusted.camera_values)
             apart = after - predict(camera, dirs @ start.rotation.T, start.values)
             moved = math.sqrt(float(np.fmax.reduce(np.einsum("ni,ni->n", apart, apart))))
@@ -345,7 +348,7 @@ class SkybenchSolver:
         )
 
     def _contradiction(self, problem: Problem, place: Place) -> str:
-        """Describe the contradiction between the position and the caller's knowledge; empty without one."""
+        """Describe the contradiction between the position and the caller's inputs; empty if there is none."""
         assert problem.attitude is not None
         loose = problem.sigmas.loosened(problem.attitude, problem.observation.camera)
         limit = self.config.max_heading_off_deg + 5 * loose.heading_deg
@@ -365,14 +368,14 @@ class SkybenchSolver:
 
 
 def _by_camera(adjusted: Adjusted) -> F8:
-    """What the camera parameters that were fitted add to the covariance of the rotation, rad^2, shape (3, 3)."""
+    """Contribution of the fitted camera parameters to the covariance of the rotation, rad^2, shape (3, 3)."""
     mixed = adjusted.cov[:3, 3:]
     return np.asarray(mixed @ np.linalg.solve(adjusted.cov[3:, 3:], mixed.T))
 
 
 def _below_horizon(problem: Problem, adjusted: Adjusted, dirs: F8) -> str:
-    """Say that named stars lie below the horizon of the vertical given, where too many do to be wrong names."""
-    if problem.weather.pressure_hpa == 0:  # outside the atmosphere the horizon may lie anywhere
+    """Describe how many identified stars are below the supplied horizon, if too many are for misidentification."""
+    if problem.weather.pressure_hpa == 0:  # outside the atmosphere the horizon may be anywhere
         return ""
     assert problem.attitude is not None
     is_named = np.zeros(len(dirs), dtype=bool)
@@ -387,7 +390,7 @@ def _below_horizon(problem: Problem, adjusted: Adjusted, dirs: F8) -> str:
 
 
 def _not_identified(effort: Effort) -> Fix:
-    """Refuse, and say whether everything was tried."""
+    """Return a refusal that says whether all hypotheses were tried."""
     tried = f"no orientation explains the detections better than chance ({effort.hypotheses} were tried)"
     confidence = 1.0 - min(1.0, 10.0**effort.best_log10_false_alarm)
     if not effort.spent:

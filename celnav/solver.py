@@ -1,4 +1,4 @@
-"""`celnav.solve`: detections, camera, time and attitude in; a fix out. And the registry of solvers."""
+"""`celnav.solve`, which turns detections, camera, time and attitude into a fix, and the registry of solvers."""
 
 from __future__ import annotations
 
@@ -37,16 +37,17 @@ from celnav.skybench_solver import SkybenchSolver
 
 @dataclass(frozen=True)
 class MatchThenFix:
-    """A solver of two stages: a matcher identifies, and all its matches give the position.
+    """A two-stage solver: a matcher identifies the stars, and a position is fitted to all its matches.
 
     Attributes
     ----------
     matcher : Matcher
         Frozen and hashable.
     position : PositionConfig
-        Choices of the position estimate.
+        Configuration of the position estimate.
     max_residual_px : float
-        Refuse a position whose median distance between matched detections and predicted stars is larger.
+        Largest accepted median distance between matched detections and predicted stars, pixels; a position with a
+        larger one is refused.
     """
 
     matcher: Matcher
@@ -54,7 +55,7 @@ class MatchThenFix:
     max_residual_px: float = 5.0
 
     def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
-        """Solve a problem whose attitude is wholly known; refuse any other."""
+        """Solve a problem whose attitude is fully known; refuse any other."""
         if problem.time_limit_s is not None:
             raise ConfigError("time_limit_s: this solver has no time limit; skybench has")
         attitude = problem.attitude
@@ -90,14 +91,14 @@ class MatchThenFix:
             )
             refusal = Fix.refusal(Reason.INCONSISTENT, message, found.confidence)
             return replace(refusal, details=found.details)
-        # The fix numbers the positions it was given; the caller numbers detections.
+        # The fix holds indices of the matched positions; convert them to the caller's indices of detections.
         matches = np.column_stack((found.matches[fix.matches[:, 0], 0], fix.matches[:, 1]))
         cov = None if fix.cov_km2 is None else problem.sigmas.with_time(fix.cov_km2, fix.lat_deg)
         return replace(fix, matches=matches, confidence=found.confidence, details=found.details, cov_km2=cov)
 
 
 def ddr_solver(config: DdrConfig, position: PositionConfig | None = None) -> MatchThenFix:
-    """Make a solver of the thesis' family with choices of your own; `celnav.solve` takes it as ``solver=``."""
+    """Make a solver of the thesis' family with your own configuration; pass it to `celnav.solve` as ``solver=``."""
     return MatchThenFix(DdrMatcher(config), PositionConfig() if position is None else position)
 
 
@@ -119,7 +120,7 @@ _EXACT = ToldSigmas()
 
 
 def solvers() -> tuple[str, ...]:
-    """Return the names that `solve` takes as ``solver``."""
+    """Return the names that `solve` accepts as ``solver``."""
     return tuple(SOLVERS)
 
 
@@ -139,7 +140,7 @@ def solve(
     time_limit_s: float | None = None,
     sigmas: ToldSigmas | None = None,
 ) -> Fix:
-    """Find where a frame was taken.
+    """Determine where a frame was taken.
 
     Parameters
     ----------
@@ -148,29 +149,31 @@ def solve(
     camera : Camera
         The camera.
     utc : str, datetime or Utc
-        Mid-exposure; ISO 8601 with a zone.
+        Time of mid-exposure; a string is in ISO 8601 with a time zone.
     attitude : 3x3 array_like, Attitude or None
-        `R_cam` (ENU to camera), an `Attitude` that knows it in part, or None.
+        `R_cam` (ENU to camera), an `Attitude` for one that is known only in part, or None if it is unknown.
     solver : str or callable
         One of `celnav.solvers()`, or a solver made with `ddr_solver` or `SkybenchSolver`.
     history : History, optional
-        Memory of earlier frames, for solvers that use it. It is read and extended; without it every frame stands alone.
+        Memory of earlier frames, for solvers that use it. It is read and extended; without it, every frame is solved
+        independently.
     flux : array_like, shape (n,), optional
-        Brightness of bare positions, any linear unit.
+        Brightness of bare positions, in any linear unit.
     pressure_hpa, temperature_c : float
-        Air at the observer, for refraction; pressure 0 means no refraction.
+        Pressure and temperature of the air at the observer, for refraction; a pressure of 0 means no refraction.
     dut1_s : float, optional
-        UT1-UTC in seconds; from the IERS table unless given.
+        UT1-UTC in seconds; taken from the IERS table unless given.
     near : LastKnown, optional
-        A position and a radius within which the answer lies: fewer stars then suffice. Stars that put the place elsewhere
-        are refused as `Reason.INCONSISTENT`. Solvers of the thesis do not use it.
+        A position and a radius known to contain the answer, so that fewer stars suffice. A solution outside it is
+        refused as `Reason.INCONSISTENT`. Solvers of the thesis do not use it.
     time_limit_s : float, optional
-        Seconds by the clock after which the search for an identification is given up (`Reason.EFFORT_SPENT`); only
-        `skybench` takes it. An answer under a time limit may differ from machine to machine; the bound that does not is
-        `SkybenchConfig.max_work`.
+        Wall-clock time in seconds after which the search for an identification is given up (`Reason.EFFORT_SPENT`).
+        Only `skybench` supports it. Under a time limit the answer may differ from machine to machine;
+        `SkybenchConfig.max_work` is a bound that gives the same answer everywhere.
     sigmas : ToldSigmas, optional
-        Standard deviations of time, lens and air. The time's enters every covariance; of the others `skybench` takes
-        account: lens in the adjustment, which finds it within them, air in the covariance, both in how far it searches.
+        Standard deviations of time, lens and air. That of the time enters every covariance. Only `skybench` uses the
+        others: it adjusts the lens within its standard deviations, adds the uncertainty of the air to the covariance,
+        and widens its search by both.
 
     Returns
     -------

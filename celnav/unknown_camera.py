@@ -1,8 +1,8 @@
-"""`celnav.find_camera`: one picture in, of whose lens, place and pointing nothing is known; field, lens and orientation out.
+"""`celnav.find_camera`: field, lens and orientation of one picture whose lens, place and pointing are all unknown.
 
-The blind start of a calibration (`celnav.calibrating.blind_start`) among the stars of the whole sky, without air:
-refraction, of which nothing is known without a place, goes into the lens. `celnav.solve` takes the camera as one that
-nobody has calibrated.
+It runs the blind start of a calibration (`celnav.calibrating.blind_start`) on the stars of the whole sky, without air.
+Refraction cannot be known without a place, so it becomes part of the lens. `celnav.solve` treats the camera as
+uncalibrated.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ from celnav.sky.utc import Utc, parse_utc
 F8 = NDArray[np.float64]
 
 WIDER_SIGMAS_PX = (1.6, 3.0)
-"""Standard deviations of star images that are tried where the usual detection leads to nothing. A picture that was
-interpolated from a colour mosaic, or smoothed, has hot pixels as wide as sharp stars; where they outnumber the stars, their
-width is measured."""
+"""Standard deviations of star images to try if the usual detection leads to no solution. In a picture that was interpolated
+from a colour mosaic, or smoothed, hot pixels are as wide as sharp stars; where they outnumber the stars, the usual detection
+measures their width."""
 _NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class FoundCamera:
-    """A camera whose stars are named.
+    """A camera determined from identified stars.
 
     Attributes
     ----------
     camera : Camera
-        A fisheye lens of Kannala and Brandt with four terms, which follows any lens as far out as stars are named; decentred
-        where a plain one leaves a pattern that is larger than the scatter, and with its axis beside a picture that was cut
-        from one side of a larger one.
+        A Kannala-Brandt fisheye lens with four terms, which can follow any lens as far out as stars are identified. It is
+        decentred if a plain lens leaves a pattern larger than the scatter, and its axis is off-centre if the picture was
+        cut from one side of a larger one.
     R_icrs_to_camera : ndarray, shape (3, 3)
         Orientation.
     detections : Detections
-        Of the picture.
+        Detections in the picture.
     stars : int
-        Named.
+        Number of identified stars.
     scatter_px : float
-        Of their positions along an axis.
+        Scatter of their positions along an axis, pixels.
     """
 
     camera: Camera
@@ -64,21 +64,21 @@ class FoundCamera:
 
 
 def find_camera(image: ArrayLike, utc: str | datetime | Utc, mask: ArrayLike | None = None) -> FoundCamera:
-    """Find field, lens and orientation of one picture of the sky, of 5 to 180 deg.
+    """Determine field, lens and orientation of one picture of the sky with a field of 5 to 180 deg.
 
     Parameters
     ----------
     image : array_like, shape (height, width) or (height, width, 3 or 4)
-        As `celnav.detect` takes it.
+        The picture, as for `celnav.detect`.
     utc : str, datetime or Utc
-        When it was taken; a day too early or late is 1 arcsec (aberration).
+        When it was taken; an error of one day changes the result by 1 arcsec (aberration).
     mask : array_like of bool, shape (height, width), optional
         True where the picture is **not** to be used.
 
     Raises
     ------
     CalibrationError
-        When no stars can be named, or the picture shows the sky mirrored.
+        When no stars can be identified, or the picture shows the sky mirrored.
     """
     moment = parse_utc(utc)
     sky = whole_sky(moment)
@@ -98,7 +98,7 @@ def find_camera(image: ArrayLike, utc: str | datetime | Utc, mask: ArrayLike | N
 
 
 def whole_sky(utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
-    """Return the stars of the whole sky as they are seen from the Earth without air, in the catalogue's axes."""
+    """Return the stars of the whole sky as seen from the Earth without air, in the catalogue's axes."""
     catalog = load_catalog()
     catalog = catalog.take(slice(int(np.searchsorted(catalog.v_mag, faintest_mag))))
     orientation = earth_orientation(utc)
@@ -108,14 +108,14 @@ def whole_sky(utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
 
 
 def _frame(image: ArrayLike, utc: Utc, mask: ArrayLike | None, sigma_px: float | None) -> CalibrationFrame:
-    """Detect stars, of a width where one is given."""
+    """Detect stars in the image; `sigma_px`, if given, is their width."""
     detections = detect(image, mask, DetectionConfig(psf_sigma_px=sigma_px))
     assert detections.shape is not None
     return CalibrationFrame(detections, utc, detections.shape[::-1])
 
 
 def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> FoundCamera | None:
-    """Identify the middle of the frame and let the lens grow outwards; None where that leads to nothing."""
+    """Identify the middle of the frame and extend the lens outwards; None if that fails."""
     start = find_start(frame, sky, passes)
     if start is None:
         return None

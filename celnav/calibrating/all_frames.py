@@ -1,4 +1,4 @@
-"""Frames one by one: the first whose middle can be named gives a lens, and the others are brought in with it."""
+"""Frame-by-frame identification: the first frame whose centre can be identified gives a lens for all the others."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from celnav.errors import CalibrationError
 F8 = NDArray[np.float64]
 
 _MOUNT_RADII_PX = (10.0, 5.0, 3.0)
-# Magnitudes, and how many stars of the frame there have to be at least.
+# For each matching radius: limiting magnitude, and the least number of stars in the frame (if need be, fainter ones).
 _MOUNT_DEPTHS = ((3.5, 12), (4.5, 30), (5.5, 80))
-# Frames that a guess is tried on: 0.04 s each.
+# Number of frames on which a guess is tried, at 0.04 s each.
 _GUESSED_FRAMES = 50
-# Of the stars of a frame: more of them below the horizon contradict place or time.
+# If more than this fraction of a frame's stars is below the horizon, place or time are wrong.
 _MOST_BELOW = 0.05
 
 
 def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
-    """Find lens and attitude from the first frame whose middle shows stars that can be named.
+    """Find lens and attitude from the first frame whose centre shows stars that can be identified.
 
-    `guess` is a camera whose focal length is known within 6 %. A lens that does not follow the stars outwards has named
-    chance's: the next frame is tried.
+    `guess` is a camera whose focal length is known within 6 %. If the lens does not follow the stars outwards, the
+    identification was by chance, and the next frame is tried.
     """
     left = ""
     for i, start in _starts(field, guess):
@@ -70,8 +70,8 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
 
 
 def _refuse_below_horizon(frame: CalibrationFrame, sky: Sky, start: Start) -> None:
-    """Raise where a frame, its lens fitted to the stars of the whole sky, shows stars below the horizon of the place."""
-    if is_narrow(start.camera):  # the middle has told
+    """Raise if a frame, with its lens fitted to the stars of the whole sky, shows stars below the horizon of the place."""
+    if is_narrow(start.camera):  # the check of the frame's centre has decided already
         return
     whole = sky_over(sky.site, sky.utc, lowest_deg=-90.0)
     bundle = grow(frame, whole, start)
@@ -86,7 +86,7 @@ def _refuse_below_horizon(frame: CalibrationFrame, sky: Sky, start: Start) -> No
 
 
 def _starts(field: Field, guess: Start | None) -> Iterator[tuple[int, Start]]:
-    """Frames whose middle can be named, with their starts: by the guess, then by the passes of a blind search."""
+    """Yield frames whose centre can be identified, with their starts: with the guess first, then by a blind search."""
     if guess is not None:
         for i, (frame, sky) in enumerate(zip(field.frames, field.skies, strict=True)):
             if i < _GUESSED_FRAMES and (start := identify_with(frame, sky, guess.camera, guess.reach_px)) is not None:
@@ -99,7 +99,7 @@ def _starts(field: Field, guess: Start | None) -> Iterator[tuple[int, Start]]:
 
 
 def middle_axis(start: Start) -> F8:
-    """Direction of the middle of the frame in the camera's axes."""
+    """Direction of the centre of the frame, camera frame."""
     camera = start.camera
     return np.asarray(camera.to_rays([[(camera.width - 1) / 2, (camera.height - 1) / 2]])[0])
 
@@ -111,7 +111,7 @@ def _bound(field: Field, number: int, bundle: Bundle, faintest_mag: float) -> fl
 
 
 def attitude_of(field: Field, number: int, lens: Bundle, near: list[F8]) -> F8 | None:
-    """Find the attitude of a frame with a lens that is known: near those of other frames, or from nothing; None: neither."""
+    """Find the attitude of a frame with a known lens, near those of other frames or else blindly; None if both fail."""
     frame, sky, usable = field.frames[number], field.skies[number], field.usable[number]
     none = np.zeros(len(sky.dirs), dtype=np.intp)
     infinite = np.full(len(lens.values), 1e18)
@@ -141,16 +141,17 @@ def attitude_of(field: Field, number: int, lens: Bundle, near: list[F8]) -> F8 |
 
 
 def fit_all(field: Field, guess: Start | None = None) -> tuple[list[int], Field, JointFit]:
-    """Fit one general lens to all frames, an attitude to each.
+    """Fit one general lens to all frames, and an attitude to each frame.
 
     Returns
     -------
-    Numbers of the frames that could be used, the field of these frames, and the fit.
+    list of int, Field, JointFit
+        Numbers of the frames that could be used, the field of these frames, and the fit.
     """
     number, lens = first_frame(field, guess)
     field = field.as_deep_as(lens.form.camera(lens.values, lens.size))
     attitudes: dict[int, F8] = {number: lens.rotations[0]}
-    # Frames next in time first: their attitudes are the most alike.
+    # Frames closest in time come first, because their attitudes are the most similar.
     order = sorted(range(len(field.frames)), key=lambda i: abs(field.frames[i].utc.mjd - field.frames[number].utc.mjd))
     for i in order:
         if i in attitudes:

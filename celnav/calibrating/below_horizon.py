@@ -1,7 +1,7 @@
-"""A wrong place or time shows where stars stand that should be below the horizon.
+"""Detection of a wrong place or time from stars that should be below the horizon.
 
-A calibration knows only the stars above the horizon of the place it is told. With a wrong one the attitude turns so that they
-fit all the same, and a wide frame goes on to show stars on the other side of that horizon.
+A calibration uses only the stars above the horizon of the supplied place. If the place is wrong, the attitude is rotated so
+that they fit all the same, but a wide frame also shows stars on the other side of that horizon.
 """
 
 from __future__ import annotations
@@ -16,31 +16,32 @@ from celnav.identification.verification import log10_chance
 
 F8 = NDArray[np.float64]
 
-# From an aeroplane the horizon is 3 deg lower, and refraction lifts stars by half a degree.
+# Seen from an aeroplane, the horizon is 3 deg lower, and refraction lifts stars by half a degree.
 HIGHEST_DEG = -5.0
 _RADIUS_PX = 3.0
-# Places beside the predicted ones, which say how many lights agree by chance where trees and lamps crowd.
+# Distance of test positions from the predicted ones. They show how many lights match by chance where trees and lamps crowd.
 _BESIDE_PX = 12.0
 _BESIDE = _BESIDE_PX * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1], [1.5, 0], [-1.5, 0], [0, 1.5], [0, -1.5]])
 
 
 def stars_below(frame: CalibrationFrame, sky: Sky, bundle: Bundle, faintest_mag: float) -> tuple[int, float]:
-    """Count the stars that are seen below the horizon.
+    """Count the stars seen below the horizon.
 
     Parameters
     ----------
     frame : CalibrationFrame
         The frame.
     sky : Sky
-        Of `sky_over` without a horizon.
+        Result of `sky_over` without a horizon.
     bundle : Bundle
         Lens and attitude, fitted to the stars of the whole sky.
     faintest_mag : float
-        Of the stars that the frame shows.
+        Magnitude of the faintest stars that the frame shows.
 
     Returns
     -------
-    How many of them have a detection, and the probability, decimal logarithm, that chance gives as many.
+    int, float
+        Number of these stars that have a detection, and the decimal logarithm of the probability of as many by chance.
     """
     below = np.flatnonzero((sky.dirs[:, 2] < np.sin(np.radians(HIGHEST_DEG))) & (sky.v_mag <= faintest_mag))
     predicted = bundle.predict(sky.dirs[below], np.zeros(len(below), dtype=np.intp))

@@ -1,8 +1,8 @@
-"""Pictures cut from one side of a larger one: starts with the axis beside the middle, and the test that asks for them.
+"""Pictures cut from one side of a larger one: starts with an off-centre axis, and the test that calls for them.
 
-Around its axis a lens is r = f theta, and alike in all directions. Beside it a fisheye's scale differs along and across the
-radius, by 6 % at 35 deg. A lens about the middle of such a picture names the stars there and misses the others: its residuals
-are a pattern over the frame, not the scatter of single stars.
+Near its axis a lens follows r = f theta, alike in all directions. Away from the axis, the plate scales of a fisheye along and
+across the radius differ, by 6 % at 35 deg. A lens centred on such a picture identifies the stars in the middle and misses the
+others: its residuals form a pattern over the frame instead of the scatter of single stars.
 """
 
 from __future__ import annotations
@@ -26,37 +26,39 @@ from celnav.identification.verification import rotation_of
 F8 = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3
-# Of the scatter of single stars: a larger pattern is reason to look for another lens. Few stars hide one twice as large.
+# A pattern larger than this fraction of the scatter of single stars is a reason to look for another lens. With few stars, one
+# twice as large goes unnoticed.
 SUSPECT = 0.5
-# Radians from the middle of the picture to the axis, and directions: a start 0.2 rad off still grows.
+# Distances from the centre of the picture to the axis, rad, and number of directions; a start 0.2 rad off still grows.
 _AWAY_RAD, _DIRECTIONS = (0.3, 0.6), 8
 STARTS = len(_AWAY_RAD) * _DIRECTIONS
-# Of the polynomials in u and v that a pattern is sought with.
+# Degree of the polynomials in u and v that are fitted to find a pattern.
 _DEGREE = 4
 _FEWEST_FREE = 2
 _RADIUS_PX = 1.5
-# Of the frame's longer side: in a narrow field the principal point is one with the orientation, and is left in the middle.
+# Standard deviation of the principal point, as a fraction of the frame's longer side. In a narrow field the principal point
+# cannot be separated from the orientation, and is kept at the centre.
 _NARROW_CENTRE = 0.002
-# Beyond it the lens does not follow the stars.
+# With more scatter, the lens does not follow the stars.
 _MOST_SCATTER_PX = 1.0
 SURE_PX = 0.4
-"""Residuals that are a pattern and larger may be those of chance's names, which scatter by 0.75 px within a radius of 1.5."""
-# Of the standard deviations that detection gave.
+"""Larger patterned residuals may come from chance matches, which scatter by 0.75 px within a matching radius of 1.5."""
+# Scatter, in multiples of the standard deviations from detection, beyond which another lens is tried.
 _SUSPECT_SIGMAS = 3.0
 
 
 def is_patterned(fit: JointFit, times: float = 1.0) -> bool:
-    """Tell whether the residuals are a pattern larger than `times` the scatter of single stars; too few stars tell nothing.
+    """Return whether the residuals have a pattern larger than `times` the scatter of single stars; False with too few stars.
 
-    An F test of polynomials of fourth degree over the frame. Where the pattern is at most so large, F has at most the
+    This is an F test of polynomials of fourth degree over the frame. If the pattern is not larger, F has at most the
     noncentral distribution whose noncentrality is the number of residuals times `times` squared, and exceeds the bound with
-    a probability of `FALSE_ALARM` at most.
+    a probability of at most `FALSE_ALARM`.
     """
     return patterned(fit.seen.uv, fit.residual_px / fit.seen.sigma_px[:, None], times)
 
 
 def patterned(uv: F8, residual: F8, times: float = 1.0) -> bool:
-    """The test of `is_patterned`, of residuals over their standard deviations up to a common factor, shape (n, 2)."""
+    """Apply the test of `is_patterned` to residuals, shape (n, 2), over their standard deviations up to a common factor."""
     from scipy.special import ncfdtr
 
     at = (uv - uv.mean(axis=0)) / np.maximum(uv.std(axis=0), 1e-9)
@@ -72,7 +74,10 @@ def patterned(uv: F8, residual: F8, times: float = 1.0) -> bool:
 
 
 def starts_beside(start: Start) -> Iterator[Start]:
-    """Starts that see the middle as `start` does, with the lens' axis away from it; the scale there is the mean of both."""
+    """Yield starts that agree with `start` at the centre but have the lens axis elsewhere.
+
+    The plate scale at the centre is the geometric mean of the radial and the tangential scale.
+    """
     camera = start.camera
     for away in _AWAY_RAD:
         f_px = math.sqrt(camera.f_px * camera.fy_px * away / math.sin(away))
@@ -90,7 +95,7 @@ def starts_beside(start: Start) -> Iterator[Start]:
 
 
 def grow_beside(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
-    """Fit lens and attitude from the middle outwards from each of `starts_beside`, and return what chance explains least."""
+    """Fit lens and attitude outwards from each of `starts_beside`; return the result that is least likely by chance."""
     none = np.zeros(len(sky.dirs), dtype=np.intp)
     grown = [grow(frame, sky, one) for one in starts_beside(start)]
     return min(grown, key=lambda one: match_frame(frame, sky, one.predict(sky.dirs, none), _RADIUS_PX).log10_chance)
@@ -99,20 +104,21 @@ def grow_beside(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
 def lens_outwards(
     frame: CalibrationFrame, sky: Sky, start: Start, grown: Bundle, least_px: float = 0.0
 ) -> tuple[JointFit | None, bool]:
-    """Fit a lens that has grown over one frame; where it leaves a pattern, or scatters, also one with its axis beside it.
+    """Fit a lens that has grown over one frame; if a pattern or scatter remains, also try one with its axis off-centre.
 
     Parameters
     ----------
     frame, sky
         The frame, and the stars that it may show.
     start, grown
-        From `growth.grow`.
+        Input and result of `growth.grow`.
     least_px : float
-        Scatter that is no reason for another lens, whatever detection claims.
+        Scatter that is never a reason for another lens, whatever the standard deviations from detection.
 
     Returns
     -------
-    The fit, None where it names no more stars than chance; and whether its axis is one of `starts_beside`.
+    JointFit or None, bool
+        The fit, or None if it identifies no more stars than chance; and whether its axis is one of `starts_beside`.
     """
     narrow = is_narrow(start.camera)
     fit = _fitted(frame, sky, grown, narrow)
@@ -128,18 +134,18 @@ def lens_outwards(
 
 
 def follows(fit: JointFit, frame: CalibrationFrame) -> bool:
-    """Tell whether a lens follows the stars of its frame outwards, not lights that chance puts near their places."""
+    """Return whether a lens follows the stars of its frame outwards, rather than lights that are near them by chance."""
     scatter, usual = scatter_px(fit), _SUSPECT_SIGMAS * _usual_sigma(frame)
     return not (scatter > max(_MOST_SCATTER_PX, usual) or (scatter > max(SURE_PX, usual) and is_patterned(fit)))
 
 
 def scatter_px(fit: JointFit) -> float:
-    """Root mean square of the residuals along an axis, pixels."""
+    """Return the root mean square of the residuals along an axis, pixels."""
     return math.sqrt(float((fit.residual_px**2).mean()))
 
 
 def _fitted(frame: CalibrationFrame, sky: Sky, begun: Bundle, narrow: bool) -> JointFit | None:
-    """Match and adjust what has grown; None where that names too few stars, or no more than chance."""
+    """Match and adjust a grown lens; None if that identifies too few stars, or no more than chance."""
     if narrow:
         begun = replace(begun, centre_sigma_px=_NARROW_CENTRE * max(frame.size))
     field = Field([frame], [sky], [np.ones(len(frame.uv), dtype=bool)])
@@ -151,7 +157,7 @@ def _fitted(frame: CalibrationFrame, sky: Sky, begun: Bundle, narrow: bool) -> J
 
 
 def _decentred(frame: CalibrationFrame, sky: Sky, fit: JointFit) -> JointFit:
-    """Let the lens be decentred, which a plain one of many stars may be seen to need; the better of the two."""
+    """Also fit a decentred lens, which many stars may show to be necessary; return the better of the two."""
     plain = fit.bundle
     form, values = replace(plain.form, decentring=True), np.append(plain.values, [0.0, 0.0])
     bundle = replace(plain, form=form, values=values, cov=None, turn_cov=None, turn_by_lens=None)
@@ -161,16 +167,16 @@ def _decentred(frame: CalibrationFrame, sky: Sky, fit: JointFit) -> JointFit:
 
 
 def _is_suspect(fit: JointFit, frame: CalibrationFrame, least_px: float) -> bool:
-    """Tell whether another lens may fit better: a pattern is left, or stars scatter as wrong names do, not as detected."""
+    """Return whether another lens may fit better: a pattern remains, or stars scatter more than detection explains."""
     return is_patterned(fit, SUSPECT) or scatter_px(fit) > max(least_px, _SUSPECT_SIGMAS * _usual_sigma(frame))
 
 
 def _log10_chance(fit: JointFit) -> float:
-    """Logarithm of the probability that chance names as many stars."""
+    """Return the decimal logarithm of the probability that chance identifies as many stars."""
     return fit.matches[0].log10_chance
 
 
 def _usual_sigma(frame: CalibrationFrame) -> float:
-    """Median of the standard deviations that detection gave the positions, pixels."""
+    """Return the median of the standard deviations of the positions from detection, pixels."""
     sigma_px = frame.detections.sigma_px
     return 0.0 if sigma_px is None else float(np.median(sigma_px))

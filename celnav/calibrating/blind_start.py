@@ -1,10 +1,10 @@
-"""A start from nothing: focal length and attitude from the middle of one frame.
+"""Blind start of a calibration: focal length and attitude from the centre of one frame, without prior knowledge.
 
-Around the axis all lenses are alike but for their scale: r = f theta up to the third order of theta. So the detections of a
-disk about the middle of the frame, whose radius is a fixed angle of the focal length that is tried, are identified among all
-stars of the sky (`celnav.identification`), for focal lengths in steps of 12 %. Fields below some 20 deg are identified by the
-shapes of triangles, for all focal lengths at once (`celnav.identification.triangles`). An identification is accepted at the
-solver's own bound of false alarms.
+Near the axis all lenses are alike except for their scale: r = f theta up to the third order of theta. The detections in a
+disk about the centre of the frame are therefore identified among all stars of the sky (`celnav.identification`) for focal
+lengths in steps of 12 %; the radius of the disk is a fixed angle at the focal length that is tried. Fields below some 20 deg
+are identified by the shapes of triangles, for all focal lengths at once (`celnav.identification.triangles`). An
+identification is accepted at the solver's own false-alarm bound.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ F8 = NDArray[np.float64]
 
 MOST_DETECTIONS = 200
 FEWEST_DETECTIONS = 8
-# Look-ups (celnav.identification.effort): 0.03 s for each focal length.
+# Work for each focal length, in look-ups (celnav.identification.effort); it takes 0.03 s.
 WORK = 4_000_000
 
 
-# Look-ups of one search for a narrow field: three times the most that is needed where stars are found.
+# Look-ups of one search for a narrow field: three times the largest number that a successful search needed.
 NARROW_WORK = 120_000_000
-# Focal lengths of narrow fields, in the frame's shorter side: 23 to 2.2 deg across it.
+# Range of focal lengths of narrow fields, in units of the frame's shorter side: 23 to 2.2 deg across that side.
 NARROW_FOCAL = (2.4, 26.0)
-# How far a guess of the focal length may be off, as a factor.
+# Factor by which a guess of the focal length may be off.
 _GUESSED = 1.07
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Radius of the disk, in focal lengths; range of focal lengths, in the frame's shorter side; step, and work for each.
+    """One pass of the search: radius of the disk, range and step of focal lengths, and work for each of them.
 
-    `frames` is the most frames that it is tried on. A reach of 0 is a search for a narrow field, by triangles of the whole
-    frame.
+    The radius is in focal lengths, the range in units of the frame's shorter side. `frames` is the largest number of frames
+    that the pass tries. A reach of 0 stands for a search for a narrow field, by triangles of the whole frame.
     """
 
     reach_rad: float
@@ -58,9 +58,10 @@ class Pass:
     frames: int
 
 
-# From an image circle of 180 deg over a third of the frame to 14 deg across it, and narrow fields to 2.2 deg. Where clutter
-# is bright or stars are few, finer steps and more work find what the first passes miss. All together take 3.3e9 look-ups at
-# most, and 1.3e9 of one frame, however many frames there are; those that are tried lie evenly in their order.
+# The passes cover the range from an image circle of 180 deg over a third of the frame to 14 deg across the frame, and narrow
+# fields down to 2.2 deg. Where clutter is bright or stars are few, finer steps and more work find what the first passes miss.
+# All passes together take at most 3.3e9 look-ups, and 1.3e9 for a single frame, however many frames there are. The frames
+# that are tried are spaced evenly in their order.
 PASSES = (
     Pass(0.35, 0.1135, 4.0, 1.12, WORK, 12),
     Pass(0.0, *NARROW_FOCAL, 0.0, NARROW_WORK, 5),
@@ -71,18 +72,18 @@ PASSES = (
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Focal length and attitude, good near the middle of the frame.
+    """Focal length and attitude that hold near the centre of the frame.
 
     Attributes
     ----------
     camera : Camera
-        Whose lens it is: the guess, its focal length corrected, or an equidistant lens.
+        The guess with its focal length corrected, or a camera with an equidistant lens.
     rotation : ndarray, shape (3, 3)
         East-north-up to camera.
     reach_px : float
-        Radius about the middle within which it holds.
+        Radius about the centre within which the start holds, pixels.
     stars : int
-        Identified.
+        Number of identified stars.
     """
 
     camera: Camera
@@ -92,7 +93,7 @@ class Start:
 
 
 def find_start(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...] = PASSES) -> Start | None:
-    """Find focal length and attitude from nothing; None where the middle of the frame shows no stars to be named."""
+    """Find focal length and attitude without prior knowledge; None if the centre of the frame cannot be identified."""
     shorter = min(frame.size)
     for each in passes:
         if each.reach_rad == 0:
@@ -110,19 +111,19 @@ def find_start(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...] = PAS
 
 
 def is_mirrored(frame: CalibrationFrame, sky: Sky) -> bool:
-    """Tell whether the stars of the frame are found once it is turned over: a picture whose rows run upwards."""
+    """Return whether the stars are identified once the frame is flipped, as for a picture whose rows run upwards."""
     uv = frame.uv * [1.0, -1.0] + [0.0, frame.size[1] - 1.0]
     turned = replace(frame, detections=replace(frame.detections, uv=uv))
     return find_start(turned, sky, PASSES[:2]) is not None
 
 
 def is_narrow(camera: Camera) -> bool:
-    """Tell whether the sky holds so many fields of the camera that they are narrow."""
+    """Return whether the camera's field is so small that it counts as narrow."""
     return NARROW * camera.solid_angle_sr < 4 * math.pi
 
 
 def identify_with(frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: float) -> Start | None:
-    """Name the detections within `reach_px` of the middle of the frame with a camera whose focal length is 6 % good."""
+    """Identify the detections within `reach_px` of the frame's centre with a camera of focal length known to 6 %."""
     if not is_narrow(camera):
         return identify_middle(frame, sky, camera, reach_px)
     f_px = math.sqrt(camera.f_px * camera.fy_px)
@@ -134,7 +135,7 @@ def identify_with(frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: f
 
 
 def identify_narrow(frame: CalibrationFrame, sky: Sky, focal_px: tuple[float, float], work: int) -> Start | None:
-    """Name the detections of a narrow field whose focal length lies in a range."""
+    """Identify the detections of a narrow field whose focal length is in a given range."""
     if len(frame.uv) < FEWEST_DETECTIONS:
         return None
     found = find_narrow_field(frame.uv, frame.size, focal_px, Effort(work), SearchConfig())
@@ -144,7 +145,7 @@ def identify_narrow(frame: CalibrationFrame, sky: Sky, focal_px: tuple[float, fl
 def identify_middle(
     frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: float, work: int = WORK
 ) -> Start | None:
-    """Name the detections of a field that is not narrow, as `identify_with` does, for so much work."""
+    """Identify the detections of a field that is not narrow, as `identify_with` does, with bounded work."""
     width, height = frame.size
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     near = np.flatnonzero(np.hypot(*(frame.uv - middle).T) <= reach_px)[:MOST_DETECTIONS]
@@ -163,9 +164,9 @@ def identify_middle(
 
 
 def _started(frame: CalibrationFrame, sky: Sky, camera: Camera, found: Alignment, reach_px: float) -> Start:
-    """Turn an orientation among the catalogue's places to one among the places where stars are seen.
+    """Convert an orientation relative to catalogue positions to one relative to apparent positions.
 
-    Aberration and refraction shift a narrow field by many pixels of a long lens.
+    With a long lens, aberration and refraction shift a narrow field by many pixels.
     """
     scale = math.exp(found.log_f)
     fitted = replace(camera, f_px=camera.f_px * scale, fy_px=camera.fy_px * scale)

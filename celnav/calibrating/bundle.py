@@ -1,8 +1,9 @@
 """Joint adjustment of one lens and the attitudes of its frames to matched stars, by weighted least squares.
 
-Gauss-Newton on pixel residuals (Triggs et al. 2000, Bundle Adjustment: A Modern Synthesis, sections 4 and 6), the lens'
-columns by central differences, the attitudes' analytically through the projection. The loss is quadratic for stars taken as
-true, or Cauchy's (Holland & Welsch 1977, Commun. Stat. A 6(9) 813) while wrong matches are still among them.
+The method is Gauss-Newton on pixel residuals (Triggs et al. 2000, Bundle Adjustment: A Modern Synthesis, sections 4 and 6).
+Derivatives by the lens are central differences; those by the attitudes are analytic, through the projection. The loss is
+quadratic for stars accepted as true, or Cauchy's (Holland & Welsch 1977, Commun. Stat. A 6(9) 813) while wrong matches may
+still be among them.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _ROUNDS = 40
-# Of a step in standard deviations: its effect on any parameter is invisible.
+# Size of a step, in standard deviations, at which its effect on any parameter is negligible.
 _SETTLED = 1e-3
 _CAUCHY = 3.0
-# Weight of directions that nothing determines, relative and absolute: without it their equations would be singular.
+# Weight, relative and absolute, of directions that nothing determines; without it the equations would be singular.
 _RIDGE, _TINY = 1e-11, 1e-6
 
 
@@ -45,7 +46,7 @@ class Observations:
     detection, star : ndarray, shape (n,)
         Rows of the frame's detections and of its sky.
     pull_px : ndarray, shape (n,)
-        How far neighbours may pull the position.
+        Distance by which the light of neighbours may pull the position, pixels.
     """
 
     uv: F8
@@ -60,33 +61,33 @@ class Observations:
         return len(self.uv)
 
     def take(self, rows: Rows | NDArray[np.bool_]) -> Observations:
-        """Return the chosen ones."""
+        """Return the selected observations."""
         return Observations(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A lens and attitudes.
+    """A lens and the attitudes of groups of frames.
 
     Attributes
     ----------
     form : LensForm
-        What was fitted of the lens.
+        The lens parameters that were fitted.
     size : tuple of int
         Width and height of the frames.
     values : ndarray, shape (m,)
         Parameters of the lens, in the order of `form.names`.
     rotations : ndarray, shape (g, 3, 3)
-        East-north-up to camera, of each group of frames that shares one attitude.
+        East-north-up to camera, for each group of frames that shares one attitude.
     cov : ndarray, shape (m, m), or None
-        Covariance of the lens' parameters, attitudes free.
+        Covariance of the lens parameters, with the attitudes free.
     turn_cov : ndarray, shape (g, 3, 3), or None
-        Covariance of a small rotation of each group in the camera frame, radians squared, the lens held.
+        Covariance of a small rotation of each group in the camera frame, radians squared, with the lens held fixed.
     turn_by_lens : ndarray, shape (g, 3, m), or None
-        How each group is turned in the camera frame, radians, by a change of a parameter of the lens.
+        Rotation of each group in the camera frame, radians, per unit of each lens parameter.
     centre_sigma_px : float
-        Standard deviation of the principal point about the middle of the frame, as it is expected. In a narrow field it is
-        one with the attitude, and nothing else holds it.
+        Expected standard deviation of the principal point about the centre of the frame. In a narrow field the principal
+        point cannot be separated from the attitude, and nothing else constrains it.
     """
 
     form: LensForm
@@ -99,7 +100,7 @@ class Bundle:
     centre_sigma_px: float = math.inf
 
     def predict(self, dirs: F8, group: Rows) -> F8:
-        """Project directions, shape (n, 3), east-north-up, with the attitude of each one's group."""
+        """Project directions, shape (n, 3), east-north-up, each with the attitude of its group."""
         camera = self.form.camera(self.values, self.size)
         return camera.project(np.einsum("nij,nj->ni", self.rotations[group], dirs))
 
@@ -110,20 +111,20 @@ def adjust(bundle: Bundle, seen: Observations, group: Rows, *, robust: bool, pri
     Parameters
     ----------
     bundle : Bundle
-        Start.
+        Starting values.
     seen : Observations
         n matched stars.
     group : ndarray, shape (n,)
-        Which attitude each belongs to.
+        Index of the attitude that each star belongs to.
     robust : bool
-        Cauchy's loss instead of squares.
+        Use Cauchy's loss instead of squares.
     prior : ndarray, shape (m,), optional
-        Weights, inverse variances, that hold parameters of the lens to their start. None: free.
+        Weights (inverse variances) that hold lens parameters to their starting values. None: all are free.
 
     Returns
     -------
     Bundle
-        With the covariance, the inverse of the information for the standard deviations given.
+        The fit, with its covariance: the inverse of the information for the standard deviations in `seen`.
     """
     held, begun = _expected(bundle, np.zeros(len(bundle.values)) if prior is None else prior)
     order = np.argsort(group, kind="stable")
@@ -154,7 +155,7 @@ def adjust(bundle: Bundle, seen: Observations, group: Rows, *, robust: bool, pri
 
 
 def _expected(bundle: Bundle, prior: F8) -> tuple[F8, F8]:
-    """Return weights and values, shapes (m,), that the lens is held to: `prior` to the start, the centre to the middle."""
+    """Return weights and values, shapes (m,), of the priors: `prior` about the start, principal point about the centre."""
     weights, values = prior.copy(), bundle.values.copy()
     if math.isfinite(bundle.centre_sigma_px):
         weight = 1 / bundle.centre_sigma_px**2
@@ -167,7 +168,7 @@ def _expected(bundle: Bundle, prior: F8) -> tuple[F8, F8]:
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """Normal equations in blocks: the lens (m, m), each attitude (g, 3, 3), between them (g, m, 3); gradients."""
+    """Normal equations in blocks: lens (m, m), attitudes (g, 3, 3), cross terms (g, m, 3); and gradients."""
 
     lens: F8
     turn: F8
@@ -177,11 +178,11 @@ class _Normal:
 
     @property
     def gradient(self) -> F8:
-        """Of all parameters, shape (m + 3 g,)."""
+        """Gradient of all parameters, shape (m + 3 g,)."""
         return np.concatenate((self.of_lens, self.of_turn.ravel()))
 
     def step(self, damping: float) -> tuple[F8, F8]:
-        """Solve by elimination of the attitudes (Schur's complement); directions that nothing determines stay."""
+        """Solve by elimination of the attitudes (Schur complement); undetermined directions stay unchanged."""
         damped = self._turn(damping)
         eliminated = np.linalg.solve(damped, np.swapaxes(self.cross, 1, 2))  # (g, 3, m)
         of_turn = np.linalg.solve(damped, self.of_turn[:, :, None])[:, :, 0]
@@ -193,14 +194,14 @@ class _Normal:
         return of_lens, of_turn - np.einsum("gim,m->gi", eliminated, of_lens)
 
     def _turn(self, damping: float = 0.0) -> F8:
-        """Return the attitudes' blocks, damped, and regular where stars leave a direction undetermined."""
+        """Return the damped blocks of the attitudes, regular even where stars leave a direction undetermined."""
         diagonal = np.einsum("gii->gi", self.turn)
         ridge = damping * diagonal + _RIDGE * diagonal.sum(axis=1)[:, None] + _TINY
         return np.asarray(self.turn + ridge[:, :, None] * np.eye(3))
 
     @property
     def lens_cov(self) -> F8:
-        """Covariance of the lens, attitudes free."""
+        """Covariance of the lens, with the attitudes free."""
         eliminated = np.linalg.solve(self._turn(), np.swapaxes(self.cross, 1, 2))
         complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
         scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-300))
@@ -209,12 +210,12 @@ class _Normal:
 
     @property
     def turn_cov(self) -> F8:
-        """Covariance of each attitude, the lens held."""
+        """Covariance of each attitude, with the lens held fixed."""
         return np.asarray(np.linalg.inv(self._turn()))
 
     @property
     def turn_by_lens(self) -> F8:
-        """Turn of each attitude by a parameter of the lens."""
+        """Rotation of each attitude per unit of each lens parameter."""
         return np.asarray(-np.linalg.solve(self._turn(), np.swapaxes(self.cross, 1, 2)))
 
 
@@ -235,7 +236,7 @@ def _moved(bundle: Bundle, step: tuple[F8, F8]) -> Bundle | None:
 
 def _square(residual: F8, sigma_px: F8) -> F8:
     square = np.einsum("ni,ni->n", residual, residual) / sigma_px**2
-    # A star that the lens cannot show counts as one that is far away.
+    # A star outside the lens's field counts as a very distant one.
     return np.nan_to_num(square, nan=1e6)
 
 
@@ -254,7 +255,7 @@ def _weights(residual: F8, sigma_px: F8, robust: bool) -> F8:
 
 
 def _linear(bundle: Bundle, seen: Observations, group: Rows) -> tuple[F8, F8, F8]:
-    """Residuals (n, 2), and derivatives of predictions by the lens (n, 2, m) and by a turn of the group (n, 2, 3)."""
+    """Residuals (n, 2), and derivatives of predictions by the lens (n, 2, m) and by a rotation of the group (n, 2, 3)."""
     turned = np.einsum("nij,nj->ni", bundle.rotations[group], seen.dirs)
     camera = bundle.form.camera(bundle.values, bundle.size)
     predicted, by_direction = camera.project_with_derivatives(turned)
@@ -270,7 +271,7 @@ def _linear(bundle: Bundle, seen: Observations, group: Rows) -> tuple[F8, F8, F8
 
 
 def _normal(bundle: Bundle, seen: Observations, group: Rows, first: Rows, robust: bool, held: F8, begun: F8) -> _Normal:
-    """Normal equations about a bundle; rows are sorted by group, `first` holds where each group begins."""
+    """Normal equations at a bundle; rows are sorted by group, and `first` holds the first row of each group."""
     residual, of_lens, of_turn = _linear(bundle, seen, group)
     weight = _weights(residual, seen.sigma_px, robust)
     residual = np.nan_to_num(residual)

@@ -1,4 +1,4 @@
-"""`celnav.calibrate`: frames of stars at a known place and time in; lens, attitudes and their uncertainty out."""
+"""`celnav.calibrate`: lens, attitudes and their uncertainty from frames of stars at a known place and time."""
 
 from __future__ import annotations
 
@@ -50,33 +50,34 @@ def calibrate(
     Parameters
     ----------
     frames : sequence of CalibrationFrame
-        One or more frames of one camera, of one size.
+        One or more frames of the same camera and size.
     lat_deg, lon_deg : float
-        Where it stands: geodetic, east positive.
+        Geodetic position of the camera; longitude is positive to the east.
     height_m, pressure_hpa, temperature_c : float
-        Height above the sea and air, for refraction; the air is the height's unless given.
+        Height above sea level, and air for refraction; pressure and temperature follow from the height unless given.
     camera : Camera, optional
-        A guess whose focal length is within 6 %. Without one, field and law are searched.
+        A guess whose focal length is within 6 %. Without one, field and projection law are searched for.
     models : sequence of str, optional
-        Laws to choose among; all of `celnav.calibrating.lens_form.LAWS` unless given.
+        Projection laws to choose among; all of `celnav.calibrating.lens_form.LAWS` unless given.
     form : LensForm, optional
-        The form to fit; nothing is then chosen.
+        The form of lens to fit; then no choice is made.
     opencv_only : bool
-        Choose among lenses that OpenCV can hold.
+        Choose only among lenses that OpenCV can represent.
     mount : str
-        ``night``: one attitude for all frames of a night; ``frame``: one for each frame; ``auto``: a night's, unless its
-        frames differ by more than chance (probability below 0.001) explains.
+        ``night``: one attitude for all frames of a night; ``frame``: one for each frame; ``auto``: one per night, unless
+        the frames of a night differ by more than chance (probability below 0.001) explains.
 
     Returns
     -------
     CameraCalibration
+        The calibration.
 
     Raises
     ------
     CalibrationError
         When no frame can be identified, or too few stars remain.
     ConfigError
-        For options that make no sense.
+        For invalid options.
     """
     frames = list(frames)
     _check(frames, mount)
@@ -98,7 +99,7 @@ def calibrate(
         form, judged = choose_form(general.bundle, general.seen, seen_group, chosen_models, opencv_only=opencv_only)
     elif opencv_only and not in_opencv(form):
         raise ConfigError(f"OpenCV cannot hold a lens of the form {form.words}")
-    # Of another law the start has no distortion: it is fitted to the stars at hand before others are looked for.
+    # If the law differs, the start has no distortion, so it is fitted to the present stars before others are searched for.
     lens = adjust(started(general.bundle, form), general.seen, seen_group, robust=False)
     fit = refine(part, lens, general.group)
     assert fit.bundle.turn_cov is not None
@@ -120,12 +121,12 @@ def _check(frames: list[CalibrationFrame], mount: str) -> None:
 
 
 def _guess(camera: Camera) -> Start:
-    """Take a camera as a start; its attitude is found by identification."""
+    """Make a start from a camera; identification will find the attitude."""
     return Start(camera, np.eye(3), math.hypot(camera.width, camera.height) / 2, 0)
 
 
 def _by_night(field: Field, fit: JointFit, night: Rows) -> JointFit:
-    """Give the frames of a night one attitude."""
+    """Fit one attitude to the frames of each night."""
     rotations = np.stack([mean_rotation(fit.bundle.rotations[night == number]) for number in np.unique(night)])
     return refine(field, replace(fit.bundle, rotations=rotations, cov=None, turn_cov=None, turn_by_lens=None), night)
 
@@ -146,7 +147,7 @@ def _described(
     residual = fit.residual_px
     group = fit.group[fit.seen.frame]
     pattern = residual_pattern(fit.seen, residual, fit.bundle.size)
-    # The lens is held: who uses the attitude uses the lens published with it, and one makes good what the other is wrong by.
+    # The lens is held fixed: the attitude is used with the lens published with it, and their errors compensate each other.
     cov_of_group = bundle.turn_cov * pattern.inflation
     group_night = np.array([night[np.flatnonzero(fit.group == g)[0]] for g in range(len(bundle.rotations))])
     weight = 1 / fit.seen.sigma_px**2

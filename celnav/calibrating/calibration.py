@@ -34,13 +34,13 @@ class FrameAttitude:
     Attributes
     ----------
     name, utc, night
-        Of the frame; nights are numbered in order of time.
+        Name, time and night of the frame; nights are numbered in order of time.
     R_cam : ndarray, shape (3, 3)
         East-north-up to camera.
     tilt_sigma_deg, heading_sigma_deg : float
-        Standard deviations about each horizontal axis and about the vertical, the lens taken as it is published.
+        Standard deviations about each horizontal axis and about the vertical, with the lens as published.
     stars : int
-        That it was fitted to.
+        Number of stars that it was fitted to.
     rms_px : float
         Weighted root mean square of the residuals along an axis.
     limiting_mag : float
@@ -60,9 +60,9 @@ class FrameAttitude:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Stars that were fitted: positions, measured minus predicted (n, 2), standard deviations, frame, star id, attitude.
+    """Fitted stars: positions, measured minus predicted (n, 2), standard deviations, frame, star id, attitude.
 
-    The positions are without pixel-phase error.
+    The positions are corrected for pixel-phase error.
     """
 
     uv: F8
@@ -75,44 +75,44 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """What `celnav.calibrate` returns.
+    """Result of `celnav.calibrate`.
 
     Attributes
     ----------
     camera : Camera
         The lens.
     form : LensForm
-        Which of its numbers were fitted; `form.names` are those of `values` and `cov`.
+        The lens parameters that were fitted; `form.names` are the names for `values` and `cov`.
     values : ndarray, shape (m,)
-        Their values.
+        Values of the fitted parameters.
     cov : ndarray, shape (m, m)
-        Their covariance, attitudes free.
+        Covariance of the fitted parameters, with the attitudes free.
     attitudes : tuple of FrameAttitude
-        Of each frame that could be used.
+        Attitude of each frame that could be used.
     one_attitude_per : str
         ``night`` or ``frame``.
     steady : bool
-        Whether the frames of each night differ in attitude by no more than chance explains.
+        Whether the attitudes of each night's frames differ by no more than chance explains.
     mount : Mount
-        Of the fixed camera: mean attitude, and standard deviations for a night to come.
+        Mean attitude of the fixed camera, with standard deviations for a future night.
     noise : Noise
         Scatter of the measured positions.
     pixel_phase : PixelPhase
-        How far the grid of the pixels drew the centroids; it was taken off them.
+        Error of the centroids due to the pixel grid, which was subtracted from them.
     rms_px, plain_rms_px : float
-        Root mean square of residuals along an axis: weighted by the stars' variances, and all alike.
+        Root mean square of the residuals along an axis: weighted by the variances of the stars, and unweighted.
     median_px : float
-        Median distance, both axes together.
+        Median distance, both axes combined.
     pattern : Pattern
-        What neighbours share.
+        Residuals that neighbours share.
     judged : tuple of Judged
-        Forms that were compared, by held-out stars, best first; empty where the form was given.
+        Forms compared by held-out stars, best first; empty if the form was given.
     left_out : tuple of str
         Frames that could not be identified.
     residuals : Residuals
-        Of every star.
+        Residuals of every star.
     R_by_group : ndarray, shape (g, 3, 3)
-        The attitudes that were fitted.
+        The fitted attitudes.
     """
 
     camera: Camera
@@ -136,18 +136,18 @@ class CameraCalibration:
 
     @cached_property
     def sigmas(self) -> Mapping[str, float]:
-        """Standard deviation of each parameter by its name."""
+        """Standard deviation of each parameter, by name."""
         return dict(zip(self.form.names, np.sqrt(np.diag(self.cov)).tolist(), strict=True))
 
     @cached_property
     def attitude(self) -> Attitude:
-        """The mount's attitude for another night, with its standard deviations, as `celnav.solve` takes it."""
+        """The mount's attitude for another night, with its standard deviations, for `celnav.solve`."""
         mount = self.mount
         return Attitude.with_sigma(mount.R_cam, tilt_deg=mount.tilt_sigma_deg, heading_deg=mount.heading_sigma_deg)
 
     @cached_property
     def attitudes_in_time(self) -> tuple[AttitudeInTime, ...]:
-        """The attitudes that were fitted, each with the times of its frames."""
+        """The fitted attitudes, each with the times of its frames."""
         times: dict[int, list[FrameAttitude]] = {}
         for one in self.attitudes:
             group = next(g for g, rotation in enumerate(self.R_by_group) if np.array_equal(rotation, one.R_cam))
@@ -160,11 +160,11 @@ class CameraCalibration:
         )
 
     def attitude_at(self, utc: str | datetime | Utc) -> Attitude:
-        """The mount's attitude at a time: beside the calibration's frames better known than for another night."""
+        """Return the mount's attitude at a time; near the calibration's frames it is better known than on another night."""
         return attitude_at(self.attitudes_in_time, parse_utc(utc), self.attitude)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the calibration as JSON can hold it; `celnav solve` reads its camera and its attitude."""
+        """Return the calibration as plain values for JSON; `celnav solve` reads camera and attitude from it."""
         mount = self.mount
         return {
             "camera": self.camera.to_dict(),

@@ -1,4 +1,4 @@
-"""A calibrated camera in the forms that other programs read: OpenCV's files and a scenario of the generator."""
+"""Output of a calibrated camera for other programs: OpenCV files and a scenario of the generator."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ _OPENCV_LENGTHS = (4, 5, 8, 12, 14)
 
 
 def opencv_calibration(camera: Camera) -> tuple[F8, F8, bool]:
-    """Return OpenCV's camera matrix (3, 3), distortion coefficients (n,), and whether they are of ``cv2.fisheye``.
+    """Return OpenCV's camera matrix (3, 3), distortion coefficients (n,), and whether they are for ``cv2.fisheye``.
 
     Raises
     ------
     CameraError
-        When OpenCV has no such lens: a fisheye with decentring, thin prism or tilt, or another law than Kannala-Brandt's.
+        When OpenCV has no such lens: a fisheye with decentring, thin prism or tilt, or with a law other than
+        Kannala-Brandt's.
     """
     matrix = np.array([[camera.f_px, 0.0, camera.cx_px], [0.0, camera.fy_px, camera.cy_px], [0.0, 0.0, 1.0]])
     if camera.model in ("kannala_brandt", "equidistant"):
@@ -43,7 +44,7 @@ def opencv_calibration(camera: Camera) -> tuple[F8, F8, bool]:
 
 
 def opencv_text(camera: Camera, *, yaml: bool) -> str:
-    """Write a calibration as ``cv2.FileStorage`` does, YAML or JSON; `celnav.read_camera_file` reads both."""
+    """Return a calibration as ``cv2.FileStorage`` writes it, YAML or JSON; `celnav.read_camera_file` reads both."""
     matrix, coefficients, fisheye = opencv_calibration(camera)
     content: dict[str, Any] = {"image_width": camera.width, "image_height": camera.height}
     if fisheye:
@@ -72,10 +73,10 @@ def scenario_text(
     exposure_s: float,
     reach_px: float | None = None,
 ) -> str:
-    """Write a scenario of the generator (YAML) with this camera, its attitude, place and time.
+    """Return a scenario of the generator (YAML) with this camera, its attitude, place and time.
 
-    The aperture, the sensor and the sky are not known to a calibration: the file has the generator's own, to be edited.
-    `reach_px`, the distance of the outermost star from the principal point, becomes a fisheye's image circle.
+    A calibration does not know the aperture, the sensor and the sky; the file has the generator's defaults, to be edited.
+    `reach_px`, the distance of the outermost star from the principal point, becomes the image circle of a fisheye.
     """
     lens: dict[str, Any] = {"model": camera.model, "width": camera.width, "height": camera.height, "f_px": camera.f_px}
     if camera.fy_px != camera.f_px:
@@ -101,7 +102,7 @@ def scenario_text(
 
 
 def _turning_px(camera: Camera) -> float:
-    """Distance from the principal point at which a fisheye's law stops growing."""
+    """Distance from the principal point at which the radius of a fisheye's law stops increasing, pixels."""
     law = cast("projection.Law", camera.model)
     limit = projection.largest_angle(law, camera.k)
     return float(camera.f_px * projection.radius_of(law, np.array([limit]), camera.k)[0])

@@ -1,4 +1,4 @@
-"""Detections that stand still while the sky turns: hot pixels, lamps, scratches."""
+"""Detections that stay in place while the sky turns: hot pixels, lamps, scratches."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ from celnav.calibrating.frames import CalibrationFrame
 from celnav.identification.pairing import candidate_pairs
 
 _STILL_PX = 0.75
-# Stars on the equator move by so much between frames that are compared; those within 20 deg of the pole by a third.
+# Least motion of stars on the equator between frames that are compared; stars within 20 deg of the pole move by a third.
 _MOVED_PX = 6.0
 _TURN_RAD_PER_DAY = 2 * math.pi * 1.00273790935
 _MOST_EXPECTED = 0.01
 
 
 def moving(frames: list[CalibrationFrame], f_px: float) -> list[NDArray[np.bool_]]:
-    """Tell which detections of each frame, shape (n,), are not found at the same place under another sky.
+    """Return which detections of each frame, shape (n,), do not recur at the same place under another sky.
 
-    A detection stands still when so many other frames show one within 0.75 px that chance would make less than one
-    such in a hundred sets of frames like these (a binomial tail). Two frames alone tell little; five tell it clearly.
+    A detection stands still if so many other frames show one within 0.75 px that chance would cause fewer than one such case
+    in a hundred sets of frames like these (a binomial tail). Two frames alone show little; five are enough for a clear
+    result.
 
     Parameters
     ----------
     frames : list of CalibrationFrame
-        Of one camera.
+        Frames of one camera.
     f_px : float
-        Focal length, for how far the sky moves between two frames.
+        Focal length, which determines how far the sky moves between two frames.
     """
     turned = np.array([frame.utc.mjd * _TURN_RAD_PER_DAY for frame in frames])
     apart = 2 * np.abs(np.sin((turned[:, None] - turned) / 2)) * f_px > _MOVED_PX

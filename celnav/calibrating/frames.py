@@ -1,4 +1,4 @@
-"""What a calibration starts from: detections of frames, and where the stars stood over the place at their times."""
+"""Input of a calibration: detections of frames, and the positions of the stars over the place at their times."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from celnav.sky.utc import Utc, parse_utc
 F8 = NDArray[np.float64]
 
 LOWEST_ALTITUDE_DEG = 5.0
-"""Stars below it are left out: refraction of the real air differs from the standard one's by more than a part of a pixel."""
+"""Stars below it are left out: there, real refraction differs from the standard model by more than a fraction of a pixel."""
 _NO_AIR_BELOW = -0.01
 FAINTEST_MAG, DEEP_MAG = 8.0, 10.0
-"""Of the stars that are looked for: in usual fields, and in narrow ones (`sky_index.NARROW`)."""
+"""Limiting magnitudes of the stars that are looked for: in usual fields, and in narrow ones (`sky_index.NARROW`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +35,13 @@ class CalibrationFrame:
     detections : Detections
         From `celnav.detect`.
     utc : Utc
-        Middle of the exposure; a str or datetime, as `celnav.solve` takes them, becomes one.
+        Middle of the exposure; a str or datetime, as for `celnav.solve`, is converted.
     size : tuple of int
         Width and height, pixels.
     name : str
-        For messages and tables.
+        Name for messages and tables.
     exposure_s : float or None
-        Length of the exposure, where it is known.
+        Exposure time; None if unknown.
     """
 
     detections: Detections
@@ -63,7 +63,7 @@ class CalibrationFrame:
 
 @dataclass(frozen=True)
 class Site:
-    """Where the camera stands, and its air."""
+    """Position of the camera, and the air there."""
 
     lat_deg: float
     lon_deg: float
@@ -81,11 +81,11 @@ class Sky:
     v_mag : ndarray, shape (n,)
         Magnitudes.
     star_id : ndarray of int32, shape (n,)
-        Names.
+        Star ids.
     enu_of_icrs : ndarray, shape (3, 3)
-        From the catalogue's axes to east, north, up.
+        Rotation from the catalogue's axes to east, north, up.
     site, utc
-        Where and when.
+        Place and time.
     """
 
     dirs: F8
@@ -101,14 +101,14 @@ class Sky:
         return np.asarray(np.degrees(np.arcsin(np.clip(self.dirs[:, 2], -1, 1))))
 
     def magnitude_of(self, predicted: F8, size: tuple[int, int], count: int) -> float:
-        """Return the magnitude down to which `count` stars stand in a frame, given where each does, shape (n, 2)."""
+        """Return the magnitude down to which a frame contains `count` stars, from their predicted positions, shape (n, 2)."""
         u, v = np.nan_to_num(predicted, nan=-1e6).T
         inside = np.flatnonzero((u > -0.5) & (u < size[0] - 0.5) & (v > -0.5) & (v < size[1] - 0.5))
         return float(self.v_mag[inside[:count][-1]]) if len(inside) else -np.inf
 
 
 def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG, lowest_deg: float = LOWEST_ALTITUDE_DEG) -> Sky:
-    """Return the stars above an apparent altitude, -90 deg for all, as an observer at the site sees them at an instant."""
+    """Return the stars above an apparent altitude (-90 deg: all stars) as seen from the site at an instant."""
     catalog = load_catalog()
     catalog = catalog.take(slice(int(np.searchsorted(catalog.v_mag, faintest_mag))))
     orientation = earth_orientation(utc)
@@ -123,10 +123,10 @@ def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG, lowest_de
 
 
 def apparent(true_enu: F8, weather: Weather) -> F8:
-    """Lift geometric directions, shape (n, 3), by refraction; those below the horizon stay where they are.
+    """Lift geometric directions, shape (n, 3), by refraction; those below the horizon stay unchanged.
 
-    `refraction_rad` takes the apparent zenith distance, found by iteration: at 5 deg of altitude the fifth round changes it
-    by less than 0.01 arcsec.
+    `refraction_rad` needs the apparent zenith distance, which is found by iteration; at 5 deg of altitude the fifth round
+    changes it by less than 0.01 arcsec.
     """
     if weather.pressure_hpa <= 0:
         return true_enu
@@ -145,6 +145,6 @@ def apparent(true_enu: F8, weather: Weather) -> F8:
 
 
 def nights_of(frames: list[CalibrationFrame], lon_deg: float) -> NDArray[np.intp]:
-    """Number the nights, from local mean noon to noon, in order of time; shape (number of frames,)."""
+    """Return the night of each frame, counted from local mean noon to noon in order of time; shape (number of frames,)."""
     day = np.array([np.floor(frame.utc.mjd + lon_deg / 360 - 0.5) for frame in frames])
     return np.unique(day, return_inverse=True)[1]

@@ -1,4 +1,4 @@
-"""From a start that holds near the axis to the whole frame: the lens is fitted to a disk that grows outwards."""
+"""Growth from a start that holds near the axis to the whole frame: the lens is fitted to a disk that expands outwards."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from celnav.calibrating.star_matching import Match, match_frame
 
 F8 = NDArray[np.float64]
 
-# Kannala-Brandt's odd polynomial is general: it follows any of the laws over the field that the law can show.
+# Kannala-Brandt's odd polynomial is general: it can follow each of the laws over the field of that law.
 GENERAL = LensForm("kannala_brandt", 4)
 GROWTH = 1.15
-# Stars that the lens grows by: down to this magnitude, and so many of the frame at least.
+# Stars used during the growth: down to this magnitude, and at least this many in the frame.
 _FIRST_MAG, _STARS_IN_FRAME = 6.5, 80
 _WIDEST_RADIUS_PX, _NARROWEST_RADIUS_PX = 6.0, 1.5
-# How far the terms may stray where few stars hold them. Those of the tangent, the steepest law, are 1/3, 2/15, 17/315, ...
+# Prior standard deviations of the terms, for where few stars constrain them. For comparison, the terms of the tangent, the
+# steepest law, are 1/3, 2/15, 17/315, ...
 _TERM_SIGMAS = (0.3, 0.2, 0.1, 0.05)
 _CORNER_SIGMA = 0.01
 CENTRE_SIGMA = 0.05  # of the frame's width
@@ -29,7 +30,7 @@ FEWEST = 12
 
 
 def grow(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
-    """Fit lens and attitude of one frame from its middle outwards."""
+    """Fit lens and attitude of one frame from its centre outwards."""
     width, height = frame.size
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     form = GENERAL
@@ -56,14 +57,14 @@ def grow(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
 
 
 def held(form: LensForm, bundle: Bundle) -> F8:
-    """Weights, shape (m,), that hold the lens to the middle of the frame and to r = f theta where few stars say otherwise."""
+    """Return weights, shape (m,), that hold the axis to the frame's centre and the lens to r = f theta if stars are few."""
     weights, size = np.zeros(len(form.names)), bundle.size
     corner = math.hypot(*size) / 2 / float(bundle.values[0])
     for column, name in enumerate(form.names):
         if name in ("cx_px", "cy_px"):
             weights[column] = 1 / (CENTRE_SIGMA * max(size)) ** 2
         elif name.startswith("k"):
-            # Long lenses distort by a part of the corner's distance, too.
+            # Long lenses also distort by a fraction of the distance to the corner.
             usual = _CORNER_SIGMA / corner**2 if name == "k1" else 0.0
             weights[column] = 1 / max(_TERM_SIGMAS[int(name[1:]) - 1], usual) ** 2
     return weights
@@ -84,5 +85,5 @@ def observations(frames: list[CalibrationFrame], skies: list[Sky], matches: list
 
 
 def robust_sigma(residual: F8) -> float:
-    """Return the standard deviation along an axis from the median of the residuals' sizes, shape (n, 2)."""
+    """Return the standard deviation along an axis, from the median length of the residuals, shape (n, 2)."""
     return 1.4826 * float(np.median(np.abs(residual[np.isfinite(residual[:, 0])])))

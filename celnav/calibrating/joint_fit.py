@@ -1,4 +1,4 @@
-"""One lens for all frames: stars are matched again with the joint lens, and noise is measured."""
+"""Joint fit of one lens to all frames: stars are matched again with the joint lens, and the noise is measured."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from celnav.errors import CalibrationError
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-# A frame is of the same mount when chance gives as many stars with a probability below this.
+# A frame is accepted as one of the same mount if the probability of as many stars by chance is below this.
 MOST_LOG10_CHANCE = -8.0
 _FIRST_RADIUS_PX = 3.0
 _LEAST_RADIUS_PX, _MOST_RADIUS_PX = 0.8, 4.0
@@ -29,7 +29,7 @@ _ROUNDS = 4
 
 
 class NothingNamedError(CalibrationError):
-    """No star of any frame can be named."""
+    """No star of any frame can be identified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,13 @@ class Field:
         return self.frames[0].size
 
     def take(self, numbers: list[int]) -> Field:
-        """Return the field of the chosen frames."""
+        """Return the field of the selected frames."""
         return Field(
             [self.frames[i] for i in numbers], [self.skies[i] for i in numbers], [self.usable[i] for i in numbers]
         )
 
     def as_deep_as(self, camera: Camera) -> Field:
-        """Return the field with as many stars as a camera needs: narrow fields show few of the brighter ones."""
+        """Return the field with stars as faint as a camera needs: narrow fields show few of the brighter ones."""
         if not is_narrow(camera):
             return self
         return replace(self, skies=[sky_over(sky.site, sky.utc, DEEP_MAG) for sky in self.skies])
@@ -75,16 +75,15 @@ class JointFit:
     bundle : Bundle
         Lens and attitudes, with their covariance.
     group : ndarray, shape (number of frames,)
-        The attitude of each frame.
+        Index of the attitude of each frame.
     seen : Observations
-        Stars that were taken for true, with the standard deviations that the fit gave them; their positions are without
-        pixel-phase error.
+        Accepted stars, with the standard deviations from the fit; their positions are corrected for pixel-phase error.
     matches : list of Match
-        All pairs of each frame, those that were left out for their distance included.
+        All pairs of each frame, including those that were left out because of their distance.
     noise : Noise
         Scatter of the positions.
     phase : PixelPhase
-        What was taken off the measured positions.
+        Pixel-phase error that was subtracted from the measured positions.
     """
 
     bundle: Bundle
@@ -106,11 +105,11 @@ def refine(field: Field, bundle: Bundle, group: Rows, *, held_back: bool = False
     Parameters
     ----------
     field, bundle, group
-        Frames; lens and attitudes to start from; the attitude of each frame.
+        Frames; lens and attitudes to start from; index of the attitude of each frame.
     held_back : bool
-        Hold the lens to the weak expectations of `growth.held`, for frames that may not determine it.
+        Apply the weak priors of `growth.held` to the lens, for frames that may not determine it.
     rounds : int
-        Of matching.
+        Rounds of matching.
     """
     prior = held(bundle.form, bundle) if held_back else None
     usable, radius = field.usable, _FIRST_RADIUS_PX
@@ -137,9 +136,10 @@ def refine(field: Field, bundle: Bundle, group: Rows, *, held_back: bool = False
 def settle(
     bundle: Bundle, pairs: Observations, own: F8, group: Rows, prior: F8 | None = None
 ) -> tuple[Bundle, Observations, Noise, PixelPhase]:
-    """Measure noise and pixel-phase error, take the stars within 4 standard deviations, adjust by squares; three times.
+    """Measure noise and pixel-phase error, select the stars within 4 standard deviations, and adjust by least squares.
 
-    Lens and pixel-phase error are all but uncorrelated, one varying over the frame and one within a pixel.
+    This is done three times. Lens and pixel-phase error are almost uncorrelated, since one varies over the frame and the
+    other within a pixel.
     """
     phase = PixelPhase()
     for _ in range(3):
@@ -157,7 +157,7 @@ def settle(
 
 
 def centroid_sigma(field: Field, pairs: Observations) -> F8:
-    """Return the standard deviations that detection gave the positions, shape (n,); 0 where it gave none."""
+    """Return the standard deviations of the positions from detection, shape (n,); 0 where it gave none."""
     sigma = np.zeros(len(pairs))
     for i, frame in enumerate(field.frames):
         rows = pairs.frame == i

@@ -1,4 +1,4 @@
-"""Which numbers of a camera a calibration fits: the law of the lens, and the terms added to it."""
+"""The parameters of a camera that a calibration fits: the projection law, and the terms added to it."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class LensForm:
     Attributes
     ----------
     model : str
-        Law of the lens, one of `LAWS`.
+        Projection law, one of `LAWS`.
     radial : int
-        Coefficients k1, k2, ... that are fitted.
+        Number of coefficients k1, k2, ... that are fitted.
     aspect : bool
-        Whether the focal length along v is a number of its own.
+        Whether the focal length along v is a separate parameter.
     decentring, prism, tilt : bool
-        Whether p1, p2 are fitted; the thin prism's s1..s4; the sensor's tilt tau_x, tau_y.
+        Whether the decentring p1, p2, the thin prism s1..s4, and the sensor tilt tau_x, tau_y are fitted.
     """
 
     model: str
@@ -62,7 +62,7 @@ class LensForm:
 
     @property
     def words(self) -> str:
-        """The form as people call it."""
+        """Name of the form for people."""
         added = [
             *([f"{self.radial} radial terms"] if self.radial > 1 else ["1 radial term"] if self.radial else []),
             *(["aspect"] if self.aspect else []),
@@ -73,7 +73,7 @@ class LensForm:
         return ", ".join([self.model, *added])
 
     def camera(self, values: F8, size: tuple[int, int]) -> Camera:
-        """Make the camera of parameter values, shape (m,), and a frame of `size` (width, height)."""
+        """Make the camera from parameter values, shape (m,), and the `size` (width, height) of the frame."""
         by_name = dict(zip(self.names, values.tolist(), strict=True))
 
         def group(*names: str) -> tuple[float, ...]:
@@ -86,7 +86,7 @@ class LensForm:
         )  # fmt: skip
 
     def values_of(self, camera: Camera) -> F8:
-        """Return the parameters of a camera, shape (m,); what the form does not hold is left out."""
+        """Return the parameters of a camera, shape (m,); parameters that the form lacks are left out."""
         padded = {
             "k": (*camera.k, *[0.0] * 6), "p": (*camera.p, 0.0, 0.0), "s": (*camera.s, *[0.0] * 4),
             "tau": (*camera.tilt_rad, 0.0, 0.0),
@@ -100,14 +100,14 @@ class LensForm:
         return np.array([known[name] for name in self.names])
 
     def steps(self, values: F8) -> F8:
-        """Steps of the parameters for numerical derivatives, shape (m,)."""
+        """Return the steps of the parameters for numerical derivatives, shape (m,)."""
         f_px = values[0]
         wide = {"f_px": 1e-5 * f_px, "fy_px": 1e-5 * f_px, "cx_px": 1e-2, "cy_px": 1e-2}
         return np.array([wide.get(name, 1e-5) for name in self.names])
 
 
 def form_of(camera: Camera) -> LensForm:
-    """Return the form that holds every number of a camera that is not zero."""
+    """Return the form that has every nonzero parameter of a camera."""
     return LensForm(
         camera.model,
         max((i + 1 for i, value in enumerate(camera.k) if value), default=0),

@@ -1,13 +1,14 @@
-"""Which lens: every form is judged by stars that it was not fitted to.
+"""Choice of the form of a lens by cross-validation: every form is judged by held-out stars.
 
-The frame is divided into cells, and the cells are dealt at random into five folds, so that a star and its neighbours are held
-out together: what a form only borrows from the stars nearby does not help it. The loss of a star is its squared distance in
-standard deviations, at most 25. Of all forms whose mean loss exceeds the least one by no more than one standard error of the
-difference (of cells), the one with the fewest parameters is taken (the rule of one standard error: Breiman, Friedman,
-Olshen & Stone 1984, Classification and Regression Trees, section 3.4.3; here of paired differences).
+The frame is divided into cells, and the cells are assigned at random to five folds, so that a star and its neighbours are
+held out together; a form gains nothing by following nearby stars. The loss of a star is its squared distance in standard
+deviations, at most 25. Of all forms whose mean loss exceeds the least one by no more than one standard error of the
+difference (over cells), the one with the fewest parameters is chosen (the one-standard-error rule: Breiman, Friedman, Olshen
+& Stone 1984, Classification and Regression Trees, section 3.4.3; here for paired differences).
 
-Forms are tried in two rounds: all laws with their radial terms; then decentring, tilt, thin prism and aspect on the laws that
-are best. In narrow fields a pinhole is tried, with and without a radial term and an aspect: other forms turn the camera.
+Forms are tried in two rounds: first all laws with their radial terms, then decentring, tilt, thin prism and aspect on the
+best laws. In narrow fields a pinhole is tried, with and without a radial term and an aspect, because further terms would act
+like a rotation of the camera.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ Rows = NDArray[np.intp]
 FOLDS = 5
 MOST_LOSS = 25.0
 MOST_STARS = 3000
-# A form that fits the stars that it is fitted to no better is not folded: held out, it is worse still.
+# A form with at least this loss on the stars it is fitted to is not cross-validated; on held-out stars it is worse still.
 HOPELESS_LOSS = 8.0
 MOST_GROWTH = 4.0
-"""Of chi-squared at one standard deviation: errors are then twice as small as stated."""
+"""Largest accepted growth of chi-squared at one standard deviation; at this value, errors are half as large as stated."""
 _CELLS = 12  # along the longer side
 _SEED = 20240229
 _ADDED = (
@@ -53,18 +54,18 @@ _RADIAL_TERMS = {"brown_conrady": (1, 2, 3, 6), "kannala_brandt": (1, 2, 3, 4)}
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A form and what it predicts.
+    """A form and its performance on held-out stars.
 
     Attributes
     ----------
     form : LensForm
         The form.
     loss : float
-        Mean loss of held-out stars; 2 where a form leaves nothing but the noise.
+        Mean loss of held-out stars; 2 if the form leaves nothing but noise.
     excess, excess_sigma : float
-        Loss above that of the best form, and the standard error of this difference.
+        Excess of the loss over that of the best form, and the standard error of this difference.
     held_out_px : float
-        Weighted root mean square distance along an axis of held-out stars, the distant ones at 5 standard deviations.
+        Weighted root mean square distance of held-out stars along an axis; distant stars count as 5 standard deviations.
     """
 
     form: LensForm
@@ -77,7 +78,7 @@ class Judged:
 def choose_form(
     bundle: Bundle, seen: Observations, group: Rows, models: tuple[str, ...] = LAWS, *, opencv_only: bool = False
 ) -> tuple[LensForm, list[Judged]]:
-    """Choose the lens' form.
+    """Choose the form of the lens.
 
     Parameters
     ----------
@@ -86,15 +87,16 @@ def choose_form(
     seen : Observations
         n matched stars with standard deviations.
     group : ndarray, shape (n,)
-        Which attitude each belongs to.
+        Index of the attitude that each star belongs to.
     models : tuple of str
         Laws to choose among.
     opencv_only : bool
-        Only forms that OpenCV has: perspective lenses with all additions, Kannala-Brandt's without any.
+        Consider only forms that OpenCV has: perspective lenses with all additions, Kannala-Brandt's without any.
 
     Returns
     -------
-    The form, and all forms that were judged, best first.
+    LensForm, list of Judged
+        The chosen form, and all judged forms, best first.
     """
     if len(seen) > MOST_STARS:
         rows = np.sort(np.random.default_rng(_SEED).permutation(len(seen))[:MOST_STARS])
@@ -112,7 +114,8 @@ def choose_form(
     radial = radial_forms(widest, models)
     judge(radial)
     narrow = widest < NARROW_RAD
-    # Where decentring is large no radial form shows what it is worth without it. In a narrow field it is one with the centre.
+    # If decentring is large, radial forms cannot be compared without it. In a narrow field it cannot be separated from the
+    # principal point.
     judge([] if narrow else [replace(form, decentring=True) for form in radial])
     best_laws = sorted(
         {f.model for f in losses}, key=lambda law: min(v.mean() for f, v in losses.items() if f.model == law)
@@ -136,7 +139,7 @@ def choose_form(
 
 
 def in_opencv(form: LensForm) -> bool:
-    """Tell whether OpenCV can hold a lens of this form."""
+    """Return whether OpenCV can represent a lens of this form."""
     if form.model in ("pinhole", "brown_conrady"):
         return True
     plain = not (form.decentring or form.prism or form.tilt)
@@ -146,7 +149,7 @@ def in_opencv(form: LensForm) -> bool:
 def radial_forms(widest_rad: float, models: tuple[str, ...]) -> list[LensForm]:
     """Return all laws with each number of radial terms; perspective laws only for fields that they can show.
 
-    Within 7 deg of the axis all laws are a pinhole's with one radial term, to 0.03 px of a frame of 1,000.
+    Within 7 deg of the axis, all laws equal a pinhole with one radial term, to 0.03 px in a frame of 1,000 px.
     """
     if widest_rad < NARROW_RAD and "pinhole" in models:
         return [LensForm("pinhole"), *([LensForm("brown_conrady", 1)] if "brown_conrady" in models else [])]
@@ -182,11 +185,11 @@ def held_out_loss(bundle: Bundle, form: LensForm, seen: Observations, group: Row
 
 
 def knows_its_errors(fitted: Bundle, seen: Observations, group: Rows) -> bool:
-    """Tell whether the covariance of a fitted lens holds as far as one standard deviation along what is known worst.
+    """Return whether the covariance of a fitted lens holds up to one standard deviation in the least certain direction.
 
-    Chi-squared of the stars grows by 1 there, where positions follow the parameters as they do at the best fit. Where many
-    terms follow few stars it grows by far more, or the lens cannot show the field any more: such a covariance states errors
-    that no position has.
+    If positions depend on the parameters as they do at the best fit, chi-squared of the stars grows by 1 there. If many terms
+    follow few stars, it grows by far more, or the lens can no longer show the field: such a covariance states errors that no
+    position has.
     """
     assert fitted.cov is not None
     assert fitted.turn_by_lens is not None
@@ -231,7 +234,7 @@ def started(bundle: Bundle, form: LensForm) -> Bundle:
 
 
 def _simplest(losses: dict[LensForm, F8], cell: Rows) -> tuple[LensForm, list[tuple[LensForm, float, float]]]:
-    """Apply the rule of one standard error; also each form's excess over the best and its standard error."""
+    """Apply the one-standard-error rule; also return each form's excess over the best, and its standard error."""
     best = min(losses, key=lambda form: float(losses[form].mean()))
     judged = []
     for form, loss in losses.items():

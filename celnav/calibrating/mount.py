@@ -1,4 +1,4 @@
-"""The mount: how far it moves between frames and between nights, and how well its attitude is known for a night to come."""
+"""The mount: its motion between frames and between nights, and the uncertainty of its attitude on a future night."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from celnav.identification.verification import rotation_of
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-# Frames of one night have one attitude unless chance makes them differ as much with a probability below this.
+# Frames of one night share one attitude, unless the probability that they differ as much by chance is below this.
 LEAST_CHANCE = 1e-3
 USUAL_WANDER_DEG = 0.012
-"""Of a mount that is fixed out of doors, about each axis, from night to night: measured on an all-sky camera
+"""Usual wander of a fixed outdoor mount about each axis from night to night, measured on an all-sky camera
 (docs/camera_calibration.md)."""
-USUAL_WEIGHT = 2.0  # nights that the usual value counts as
+USUAL_WEIGHT = 2.0  # number of nights that the usual value counts as
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +31,11 @@ class Mount:
     R_cam : ndarray, shape (3, 3)
         Mean over the nights, east-north-up to camera.
     tilt_sigma_deg, heading_sigma_deg : float
-        Standard deviations of the attitude of a night to come: about each horizontal axis, and about the vertical. Wander
-        from night to night is in them.
+        Standard deviations of the attitude on a future night, about each horizontal axis and about the vertical. They
+        include the wander from night to night.
     wander_tilt_deg, wander_heading_deg : float
-        Scatter between the nights, about each horizontal axis and the vertical, its own noise taken off; NaN of one night.
+        Scatter between the nights, about each horizontal axis and about the vertical, with its own noise subtracted; NaN if
+        there is only one night.
     """
 
     R_cam: F8
@@ -45,29 +46,29 @@ class Mount:
 
 
 def mean_rotation(rotations: F8) -> F8:
-    """Return the rotation nearest to all of them, shape (g, 3, 3), in the mean square of the angles (small ones)."""
+    """Return the rotation nearest to several, shape (g, 3, 3), in the mean square of the angles (which are small)."""
     u, _, vt = np.linalg.svd(rotations.sum(axis=0))
     return np.asarray(u @ np.diag([1.0, 1.0, float(np.linalg.det(u @ vt))]) @ vt)
 
 
 def turns_deg(rotations: F8, reference: F8) -> F8:
-    """Return how far each rotation, shape (g, 3, 3), is turned from the reference: about east, north and up, shape (g, 3).
+    """Return the rotation of each attitude, shape (g, 3, 3), from the reference: about east, north and up, shape (g, 3).
 
-    Degrees; the third is the turn of the heading, positive from north to east as azimuths are.
+    The unit is degrees. The third is the change of heading, positive from north to east like azimuths.
     """
     vectors = np.stack([reference.T @ rotation_vector(rotation @ reference.T) for rotation in rotations])
     return np.asarray(np.degrees(vectors))
 
 
 def drift_chance(rotations: F8, cov: F8, group: Rows) -> float:
-    """Return the probability that chance alone makes the attitudes of frames differ as they do within their groups.
+    """Return the probability that chance alone makes the attitudes within groups of frames differ as much as they do.
 
     Parameters
     ----------
     rotations : ndarray, shape (g, 3, 3)
-        Of frames.
+        Attitudes of the frames.
     cov : ndarray, shape (g, 3, 3)
-        Of small rotations in the camera frame, radians.
+        Covariances, as of small rotations in the camera frame, radians.
     group : ndarray, shape (g,)
         Frames that may share an attitude.
     """
@@ -92,16 +93,17 @@ def mount_of(rotations: F8, cov: F8, night: Rows) -> Mount:
     """Summarise the attitudes of frames or nights.
 
     The variance between nights is estimated with a prior: the usual wander counts as two nights (the posterior mean of an
-    inverse-gamma prior but for its normalisation), so that one night's calibration claims no more than mounts keep.
+    inverse-gamma prior except for its normalisation), so that a calibration from one night claims no more stability than
+    mounts have.
 
     Parameters
     ----------
     rotations : ndarray, shape (g, 3, 3)
         Attitudes, each of a frame or a night.
     cov : ndarray, shape (g, 3, 3)
-        Of small rotations in the camera frame, radians.
+        Covariances, as of small rotations in the camera frame, radians.
     night : ndarray, shape (g,)
-        Night of each.
+        Night of each attitude.
     """
     nights = np.unique(night)
     by_night = np.stack([mean_rotation(rotations[night == number]) for number in nights])
@@ -112,7 +114,7 @@ def mount_of(rotations: F8, cov: F8, night: Rows) -> Mount:
     own_by_night = np.stack([own[night == number].mean(axis=0) / (night == number).sum() for number in nights])
     within = _within(rotations, night, nights)
     freedom = len(nights) - 1
-    # Sums of squares of the tilt's two axes together, and of the heading.
+    # Sums of squares: the two axes of the tilt together, and the heading.
     scatter = np.maximum((turns**2).sum(axis=0) - freedom * own_by_night.mean(axis=0), 0.0)
     tilt, heading = scatter[:2].sum() / 2, scatter[2]
     usual = USUAL_WANDER_DEG**2
@@ -128,7 +130,7 @@ def mount_of(rotations: F8, cov: F8, night: Rows) -> Mount:
 
 
 def _within(rotations: F8, night: Rows, nights: Rows) -> F8:
-    """Variance of frames about their night's mean, about east, north and up, deg^2; noise of the frames included."""
+    """Variance of frames around the mean of their night, about east, north and up, deg^2; includes the frames' noise."""
     squares, freedom = np.zeros(3), 0
     for number in nights:
         rows = np.flatnonzero(night == number)
@@ -139,5 +141,5 @@ def _within(rotations: F8, night: Rows, nights: Rows) -> F8:
 
 
 def turned(rotation: F8, vector_deg: F8) -> F8:
-    """Turn a camera by an angle about east, north and up: the inverse of `turns_deg`."""
+    """Rotate a camera by angles about east, north and up: the inverse of `turns_deg`."""
     return np.asarray(rotation_of(rotation @ np.radians(vector_deg)) @ rotation)

@@ -1,8 +1,8 @@
-"""The attitude of a mount at a time, from the frames of a calibration: known best beside them, and less from hour to hour.
+"""The attitude of a mount at a given time, from the frames of a calibration: best known near them, less so hours away.
 
-Each of the three angles is taken for a process whose correlation falls exponentially with the time between frames (Ornstein &
-Uhlenbeck 1930, Phys. Rev. 36, 823): frames a minute apart share it, frames of different nights share its mean alone. Its
-value at another time is the best linear prediction of unknown mean (ordinary kriging; Cressie 1993, Statistics for Spatial
+Each of the three angles is modelled as a process whose correlation falls exponentially with the time between frames (Ornstein
+& Uhlenbeck 1930, Phys. Rev. 36, 823): frames a minute apart share its value, frames of different nights only its mean. The
+value at another time is the best linear prediction with unknown mean (ordinary kriging; Cressie 1993, Statistics for Spatial
 Data, section 3.2).
 """
 
@@ -26,18 +26,18 @@ from celnav.sky.utc import Utc
 F8 = NDArray[np.float64]
 
 MEMORY_H = 4.0
-"""Hours after which the correlation has fallen to 1/e: of a meteor camera's 115 frames of two nights, whose attitudes
+"""Hours after which the correlation has fallen to 1/e, from 115 frames of a meteor camera on two nights, whose attitudes
 differ by 0.004 deg after a quarter of an hour and by 0.01 to 0.02 deg after two hours (docs/camera_calibration.md)."""
 SAME_NIGHT_H = 12.0
-"""Beyond so many hours from all frames the attitude is that for another night."""
+"""At this many hours or more from all frames, the attitude is that for another night."""
 LEAST_SIGMA_DEG = 1e-4
-"""No frame's attitude is known better: a third of an arcsecond, as star positions and refraction are."""
+"""Least standard deviation of a frame's attitude: a third of an arcsecond, like star positions and refraction."""
 MOST_FRAMES = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class AttitudeInTime:
-    """An attitude that was measured: rotation east-north-up to camera, its sigmas (deg), the times of its frames (MJD)."""
+    """A measured attitude: rotation from east-north-up to camera, its sigmas (deg), and the times of its frames (MJD)."""
 
     R_cam: F8
     tilt_sigma_deg: float
@@ -51,16 +51,17 @@ def attitude_at(measured: Sequence[AttitudeInTime], utc: Utc, another_night: Att
     Parameters
     ----------
     measured : sequence of AttitudeInTime
-        Of the calibration's frames, or of its nights.
+        Attitudes of the calibration's frames, or of its nights.
     utc : Utc
         The time.
     another_night : Attitude
-        That of the mount for a night to come, which holds `SAME_NIGHT_H` hours away from all frames.
+        Attitude of the mount for a future night, which applies `SAME_NIGHT_H` hours away from all frames.
 
     Returns
     -------
     Attitude
-        With its standard deviations; what the frames themselves differ by, if more than mounts usually do, is in them.
+        The attitude with its standard deviations; if the frames themselves differ by more than mounts usually do, that
+        scatter is included.
     """
     moment = utc.mjd
     nearest = [min(one.mjd, key=lambda mjd: abs(mjd - moment)) for one in measured]
@@ -82,12 +83,12 @@ def attitude_at(measured: Sequence[AttitudeInTime], utc: Utc, another_night: Att
 
 
 def _predicted(hours: F8, turns: F8, noise: F8) -> tuple[F8, float]:
-    """Predict angles, shape (n, a), measured at `hours` from now with standard deviations (n,), and their variance, deg^2."""
+    """Predict angles, shape (n, a), measured `hours` from the time with errors `noise`, (n,); and their variance, deg^2."""
     count, axes = turns.shape
     noise = np.maximum(noise, LEAST_SIGMA_DEG)
     ones = np.ones(count)
     correlation = np.exp(-np.abs(hours[:, None] - hours) / MEMORY_H)
-    # The variance's prior counts as some nights of the usual one, as `mount_of` has it.
+    # The prior of the variance counts as some nights with the usual wander, as in `mount_of`.
     weight = np.linalg.inv(correlation + np.diag(noise**2 / USUAL_WANDER_DEG**2))
     kept = weight - np.outer(weight @ ones, ones @ weight) / (ones @ weight @ ones)
     square = float(np.einsum("na,nm,ma->", turns, kept, turns)) / axes
@@ -101,24 +102,24 @@ def _predicted(hours: F8, turns: F8, noise: F8) -> tuple[F8, float]:
 
 
 def read_attitude_at(path: str | Path, utc: Utc) -> Attitude:
-    """Read the attitude at a time from a JSON file: of a calibration by its frames, of any other file as it stands there.
+    """Read the attitude at a time from a JSON file: predicted from the frames of a calibration, else as written in the file.
 
     Raises
     ------
     AttitudeError
-        When the file holds no attitude, or a frame's is malformed.
+        When the file holds no attitude, or that of a frame is malformed.
     """
     there = Attitude.from_json(path)
     return attitude_at(read_measured(path), utc, there)
 
 
 def read_measured(path: str | Path) -> tuple[AttitudeInTime, ...]:
-    """Read the attitudes of a calibration's frames from a JSON file that holds an attitude; none of any other file.
+    """Read the attitudes of a calibration's frames from a JSON file that holds an attitude; empty for any other file.
 
     Raises
     ------
     AttitudeError
-        When a frame's is malformed.
+        When the attitude of a frame is malformed.
     """
     record = json.loads(Path(path).read_text(encoding="utf-8"))
     calibration = record.get("calibration") if isinstance(record, dict) else None

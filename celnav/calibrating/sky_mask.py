@@ -1,4 +1,4 @@
-"""A camera's own mask, learnt from several frames: what stands still while the sky turns, and where no star was ever seen."""
+"""A mask of a fixed camera, learnt from several frames: what stays in place while the sky turns, and areas without stars."""
 
 from __future__ import annotations
 
@@ -19,31 +19,34 @@ F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_FRAMES = 3
-# What is not masked but smaller than this, inside of what is, holds no star whose surroundings are seen.
+# Unmasked islands smaller than this are masked too, because the surroundings of a star in them would not be visible.
 _LEAST_SKY_PX = 25
 _TILE_PX, _STEP_PX = 32, 8
-# A pixel is hot or dead where it differs by so many sigma from the four beside it in this part of the frames.
+# A pixel is hot or dead if it differs by this many sigma from its four neighbours in this fraction of the frames.
 _HOT_SIGMA, _HOT_SHARE = 5.0, 0.7
-# Structure stands still where the mean of 3 x 3 pixels differs from the background by so many of its own sigma, to the same
-# side, in this part of the frames; and by so much of a pixel's.
+# Structure stands still where the mean of 3 x 3 pixels differs from the background, to the same side in this fraction of the
+# frames, by this many of its own sigma and by this multiple of a pixel's.
 _STILL_SIGMA, _LEAST_STILL, _STILL_SHARE, _STILL_PX = 2.5, 1.5, 0.7, 1.5
-# Ground is darker than the sky within a tile and a half: by this part of what the frame's darkest places are below it, and by
-# so many sigma of a pixel. It pulls the background down by that part of it. Sky are tiles with so many moving detections,
-# as a part of the usual number.
+# Ground is darker than the sky within a tile and a half: by this fraction of the difference to the frame's darkest places,
+# and by this many sigma of a pixel. It pulls the background down by the third value, as a fraction of that difference. Tiles
+# with at least the fourth value times the usual number of moving detections are sky.
 _DARK, _DARK_SIGMA, _PULLED, _STARRY = 0.35, 5.0, 0.05, 0.25
-# A detection moves where fewer than this part of the other frames show one at its place; a sky that turned has so many.
+# A detection moves if fewer than this fraction of the other frames show one at its place. If the sky turned, at least this
+# fraction of the detections move.
 _STANDING_SHARE, _LEAST_MOVING = 0.5, 0.2
-# Lamps' edges, and the pattern that video makes of a sensor's, are hardly brighter than its noise: detections that so low a
-# threshold finds at one place in this part of the frames, three at least, are masked with the pixels so near.
+# Edges of lamps, and the pattern that video encoding makes of a sensor's own, are hardly brighter than the noise. Detections
+# with this low threshold that recur in this fraction of the frames, at least three, are masked with the pixels within this
+# distance.
 _FAINT_SIGMA, _FAINT_SHARE, _FAINT_PX = 3.5, 0.5, 2
-# Sky is where moving detections are: within a disk that holds so many on average, this part of the median, and two at least.
+# Sky is where moving detections are: a disk of the size that contains this many on average must contain this fraction of the
+# median, and at least two.
 _BLOCK_PX, _IN_DISK, _PART_OF_MEDIAN = 8, 10.0, 0.12
 _FEWEST_MOVING, _LEAST_PART = 60, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """How often each pixel was hot, dead or painted, and how often its surroundings stood out, shape (height, width)."""
+    """Counts of the frames in which each pixel was hot, dead or blank, and its surroundings stood out; (height, width)."""
 
     hot: NDArray[np.uint16]
     above: NDArray[np.uint16]
@@ -51,17 +54,17 @@ class _Still:
 
 
 def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
-    """Learn what of a fixed camera's frames is not sky.
+    """Learn which parts of a fixed camera's frames are not sky.
 
-    Hot and dead pixels are those that differ from their neighbours in most frames; trees, walls and scratches what stands
-    out at the same place in most; the sky is where detections come and go, which bounds it where nothing stands out, as
-    outside the image circle.
+    Hot and dead pixels differ from their neighbours in most frames. Trees, walls and scratches stand out at the same place
+    in most frames. The sky is where detections come and go; this bounds it where nothing stands out, as outside the image
+    circle.
 
     Parameters
     ----------
     frames : sequence of array_like
-        Three or more images of a camera that did not move, as `celnav.detect` takes them, between which the sky turned.
-        Five and more tell it clearly.
+        Three or more images, as for `celnav.detect`, of a camera that did not move while the sky turned between them.
+        Five or more give a clear result.
 
     Returns
     -------
@@ -100,7 +103,7 @@ def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
 
 
 def _moving(found: list[Detections]) -> F8:
-    """Places of the detections, shape (n, 2), that few other frames show at the same place."""
+    """Return positions, shape (n, 2), of the detections that few other frames show at the same place."""
     from scipy.spatial import cKDTree
 
     trees = [cKDTree(one.uv) if len(one) else None for one in found]
@@ -120,7 +123,7 @@ _FAINT = DetectionConfig(seed_sigma=_FAINT_SIGMA, grow_sigma=min(_FAINT_SIGMA, D
 
 
 def _faint_standing(found: list[Detections], size: tuple[int, int]) -> Mask:
-    """Mask the surroundings of detections that stand still."""
+    """Return a mask of the surroundings of detections that stay in place."""
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
@@ -138,7 +141,7 @@ def _faint_standing(found: list[Detections], size: tuple[int, int]) -> Mask:
 
 
 def _starry(moving: F8, size: tuple[int, int]) -> Mask:
-    """Where tiles hold as many moving detections, shape (n, 2), as sky does: at every `_STEP_PX`-th pixel."""
+    """Return where tiles contain as many moving detections, shape (n, 2), as sky does, at every `_STEP_PX`-th pixel."""
     shape = tuple(-(-side // _TILE_PX) for side in size)
     at = np.clip(np.rint(moving[:, ::-1]) // _TILE_PX, 0, np.array(shape) - 1).astype(np.intp)
     count = np.zeros(shape)
@@ -150,9 +153,9 @@ def _starry(moving: F8, size: tuple[int, int]) -> Mask:
 
 
 def _standing(images: list[F4], starry: Mask) -> _Still:
-    """Count in how many frames each pixel stands out by itself, and its surroundings above or below the background.
+    """Count the frames in which each pixel stands out by itself, and its surroundings above or below the background.
 
-    `starry` tells where, at every `_STEP_PX`-th pixel, stars come and go.
+    `starry` marks, at every `_STEP_PX`-th pixel, where stars come and go.
     """
     from scipy import ndimage
 
@@ -170,16 +173,17 @@ def _standing(images: list[F4], starry: Mask) -> _Still:
         clipped = np.clip(relative, -1000, 1000)
         beside = ndimage.convolve(clipped, _CROSS, mode="nearest")
         difference = clipped - beside
-        # Of a star the pixels beside hold light, too.
+        # For a star, the neighbouring pixels contain light too.
         hot += ((np.abs(difference) > _HOT_SIGMA) & (np.abs(beside) < 0.2 * np.abs(clipped) + 1)) | ~used
         mean = ndimage.uniform_filter(np.clip(relative, -5, 5), 3, mode="nearest")
-        # Of the quieter part of the frame, in units of the differences of neighbours, which noise that is correlated exceeds.
+        # Scatter in the quieter part of the frame, in units of the noise from differences of neighbours, which correlated
+        # noise exceeds.
         scatter = 1.4826 * float(np.percentile(np.median(np.abs(tiles.spread_samples(mean)), axis=1), 25))
         least = max(_STILL_SIGMA * scatter, _LEAST_STILL)
         highest = _sky_around(background, starry)
         span = highest - np.float32(np.percentile(background[::_TILE_PX, ::_TILE_PX], 1))
         lack = ndimage.uniform_filter(highest - pixels, 3, mode="nearest")
-        # Dark trees pull the background down, and the sky beside them stands above it.
+        # Dark trees pull the background down, so the sky next to them is above it.
         pulled_down = (highest - background > _PULLED * span) & (lack > -least * noise)
         above += (mean > least) & ~pulled_down
         below += (mean < -least) | ((lack > np.maximum(_DARK * span, _DARK_SIGMA * noise)) & used)
@@ -187,9 +191,9 @@ def _standing(images: list[F4], starry: Mask) -> _Still:
 
 
 def _sky_around(background: F4, starry: Mask) -> F4:
-    """Highest background of the sky within a tile and a half; where there is none, the background itself.
+    """Return the highest background of the sky within a tile and a half; where there is no sky, the background itself.
 
-    Sky beside dark trees stands above their tile, and is sky all the same; they stand below it.
+    Sky next to dark trees is brighter than the background of their tile but still sky, and the trees are darker than it.
     """
     from scipy import ndimage
 
@@ -211,7 +215,7 @@ def _dilated(mask: Mask) -> Mask:
 
 
 def _specks(sky: Mask) -> Mask:
-    """Parts of the sky of fewer than `_LEAST_SKY_PX` pixels that hang together by their sides."""
+    """Return the parts of the sky with fewer than `_LEAST_SKY_PX` pixels, connected by their sides."""
     from scipy import ndimage
 
     label, _ = ndimage.label(sky)
@@ -219,7 +223,7 @@ def _specks(sky: Mask) -> Mask:
 
 
 def _where_stars_come_and_go(uv: F8, size: tuple[int, int]) -> Mask | None:
-    """The part of the frame that moving detections, shape (n, 2), fill; None where they are too few to tell."""
+    """Return the part of the frame that moving detections, shape (n, 2), fill; None if they are too few."""
     from scipy import ndimage, signal
 
     if len(uv) < _FEWEST_MOVING:
@@ -230,7 +234,7 @@ def _where_stars_come_and_go(uv: F8, size: tuple[int, int]) -> Mask | None:
     np.add.at(count, (at[:, 0], at[:, 1]), 1)
     covered = np.ones(shape, dtype=bool)
     for _ in range(3):
-        # A disk that holds `_IN_DISK` detections on average over what they cover.
+        # Radius of a disk that contains `_IN_DISK` detections on average over the area that they cover.
         radius = np.clip(np.sqrt(_IN_DISK * covered.sum() / (np.pi * len(uv))), 1.5, min(shape) / 4)
         reach = int(np.ceil(radius))
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]

@@ -1,4 +1,4 @@
-"""Which detection of a frame is which star, once lens and attitude are nearly known."""
+"""Matching of detections with stars, once lens and attitude are approximately known."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from celnav.identification.verification import log10_chance
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-# A neighbour as bright as the star itself within this distance: it is open which of them the detection is.
+# With a neighbour within this distance that is less than this many magnitudes fainter, the match is ambiguous.
 BLEND_PX, BLEND_MAG = 3.0, 1.0
-# Light of fainter neighbours pulls a centroid within a window of this standard deviation.
+# The light of fainter neighbours pulls a centroid within a window of this standard deviation.
 _WINDOW_PX = 1.5
-# Scatter of fluxes about the magnitudes that is no sign of a wrong name: colours, clouds, saturation.
+# Deviations of fluxes from the magnitudes up to this do not indicate a wrong match: colours, clouds, saturation.
 _LEAST_MAG, _MAG_SIGMAS = 0.8, 4.0
 _FEWEST_FOR_FLUX = 20
 
@@ -35,9 +35,9 @@ class Match:
     limiting_mag : float
         Magnitude down to which stars were matched.
     log10_chance : float
-        Bound of the probability that chance gives as many pairs at this attitude.
+        Bound, as a decimal logarithm, on the probability that chance gives as many pairs at this attitude.
     pull_px : ndarray, shape (m,)
-        How far the light of fainter neighbours may pull each centroid.
+        Distance by which the light of fainter neighbours may pull each centroid, pixels.
     """
 
     detection: Rows
@@ -57,22 +57,22 @@ def match_frame(
     usable: NDArray[np.bool_] | None = None,
     region: tuple[F8, float] | None = None,
 ) -> Match:
-    """Pair detections with the stars predicted nearest to them.
+    """Pair each detection with the star predicted nearest to it.
 
     Parameters
     ----------
     frame, sky
         The frame, and the stars over it.
     predicted : ndarray, shape (k, 2)
-        Where the stars of the sky should be; NaN where not in view.
+        Predicted positions of the stars of the sky; NaN for stars not in view.
     radius_px : float
-        Largest distance.
+        Largest distance of a pair, pixels.
     faintest_mag : float
-        Stars below are left out, and so are those below the magnitude that the frame shows.
+        Stars fainter than this are left out, and so are those fainter than the frame shows.
     usable : ndarray of bool, shape (n,), optional
-        Detections that may be stars; hot pixels are not.
+        Detections that may be stars, unlike hot pixels.
     region : tuple of (ndarray (2,), float), optional
-        Middle and radius, pixels, of the part of the frame that is matched.
+        Centre and radius, pixels, of the part of the frame that is matched.
     """
     width, height = frame.size
     u, v = np.nan_to_num(predicted, nan=-1e6).T
@@ -103,9 +103,10 @@ def match_frame(
 
 
 def _depth(seen: NDArray[np.bool_], chance: float) -> int:
-    """Return how many of the stars, brightest first, the frame shows: the number that sets seen and unseen best apart.
+    """Return how many of the stars, brightest first, the frame shows: the number that best separates seen from unseen.
 
-    The share seen of the brighter stars, and of those too faint chance alone, meet halfway.
+    The threshold is halfway between the fraction of the brighter stars that is seen and the fraction expected by chance for
+    stars that are too faint.
     """
     bright = seen[: max(20, len(seen) // 10)]
     share = max((float(bright.mean()) - chance) / max(1 - chance, 1e-3), 0.05)
@@ -114,7 +115,7 @@ def _depth(seen: NDArray[np.bool_], chance: float) -> int:
 
 
 def _neighbours(predicted: F8, v_mag: F8, star: Rows) -> tuple[NDArray[np.bool_], F8]:
-    """Tell which stars have no neighbour that they may be taken for, and how far others pull their centroids, px."""
+    """Return which stars cannot be confused with a neighbour, and how far neighbours pull their centroids, px."""
     in_view = np.flatnonzero(np.isfinite(predicted[:, 0]))
     one, other, distance = candidate_pairs(predicted[star], predicted[in_view], 3 * _WINDOW_PX)
     other = in_view[other]
@@ -128,7 +129,7 @@ def _neighbours(predicted: F8, v_mag: F8, star: Rows) -> tuple[NDArray[np.bool_]
 
 
 def _agreeing_in_flux(frame: CalibrationFrame, sky: Sky, detection: Rows, star: Rows) -> NDArray[np.bool_]:
-    """Tell which pairs are as bright as their stars, given the frame's zero point, falloff and extinction."""
+    """Return which detections are as bright as their stars, given the frame's zero point, falloff and extinction."""
     agreeing = np.ones(len(star), dtype=bool)
     flux = frame.detections.flux
     if flux is None or len(star) < _FEWEST_FOR_FLUX:

@@ -1,4 +1,4 @@
-"""What a calibration says, in words: how well it fits, which terms the lens needs, and how the mount moves."""
+"""Summary of a calibration in words: how well it fits, which terms the lens needs, and how the mount moves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from celnav.calibrating.mount import USUAL_WANDER_DEG, turns_deg
 
 
 def verdict(found: CameraCalibration) -> str:
-    """Say in a sentence what matters most."""
+    """Return the most important findings in one sentence."""
     parts = [f"{found.rms_px:.2f} px rms", *_terms(found), *_mount_words(found)]
     if found.pixel_phase:
         most = max(abs(amplitude) for amplitude in found.pixel_phase.amplitude_px)
@@ -23,7 +23,7 @@ def verdict(found: CameraCalibration) -> str:
 
 
 def report(found: CameraCalibration) -> str:
-    """Write the calibration on a page."""
+    """Return the calibration as a one-page report."""
     camera = found.camera
     lines = [
         ("verdict", verdict(found)),
@@ -61,7 +61,7 @@ def report(found: CameraCalibration) -> str:
 
 
 def _terms(found: CameraCalibration) -> list[str]:
-    """Say which of the added terms the held-out stars ask for."""
+    """Describe which of the added terms the held-out stars call for."""
     form, names = found.form, []
     for is_there, word in (
         (form.aspect, "unequal focal lengths"), (form.decentring, "decentring"), (form.prism, "thin prism"),
@@ -152,7 +152,7 @@ def _sigma_words(found: CameraCalibration) -> str:
 
 
 def _night_lines(found: CameraCalibration) -> list[str]:
-    """Say for each frame, or each night of many, how far it is turned from the mean."""
+    """Describe the rotation from the mean of each frame or, if there are many, of each night."""
     attitudes = found.attitudes
     turns = turns_deg(np.stack([one.R_cam for one in attitudes]), found.mount.R_cam)
     lines = []
@@ -167,7 +167,7 @@ def _night_lines(found: CameraCalibration) -> list[str]:
 
 
 def _number(value: float, sigma: float) -> str:
-    """Write a value with two digits of its standard deviation."""
+    """Format a value with two digits of its standard deviation."""
     if not math.isfinite(sigma) or sigma <= 0:
         return f"{value:g}"
     decimals = max(0, 1 - math.floor(math.log10(sigma)))

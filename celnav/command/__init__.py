@@ -1,4 +1,4 @@
-"""What the command ``celnav`` needs beyond a solver: photographs' tags, camera files, pointing, printing and drawing.
+"""Parts of the command ``celnav`` beyond the solver: tags of photographs, camera files, pointing, printing and drawing.
 
-No solver imports this room: it may change without touching the behaviour of one.
+No solver imports this package, so it can change without affecting the behaviour of any solver.
 """

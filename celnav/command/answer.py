@@ -1,4 +1,4 @@
-"""What `celnav solve` found, for people and for programs."""
+"""Output of `celnav solve`, for people and for programs."""
 
 from __future__ import annotations
 
@@ -34,32 +34,32 @@ _LABEL = 12
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """One image's fix, and what it rests on.
+    """The fix of one image, and the inputs and assumptions that it is based on.
 
     Attributes
     ----------
     fix : Fix
-        From the solver.
+        Result of the solver.
     detections : Detections
-        Of the image.
+        Detections in the image.
     camera : Camera
-        As given, before anything is fitted to the stars.
+        The camera as supplied, before anything is fitted to the stars.
     camera_from : str
-        Where it comes from, in words.
+        Source of the camera, in words.
     utc : str
         Middle of the exposure.
     attitude : Attitude or None
-        As given.
+        The attitude as supplied.
     R_cam : ndarray, shape (3, 3), or None
-        East-north-up to camera: by the stars where they give a position; else as given, None where the heading is unknown.
+        East-north-up to camera: from the stars if they give a position, else as supplied; None if the heading is unknown.
     assumed : tuple of str
-        What was taken for granted.
+        Assumptions that were made.
     warnings : tuple of str
-        What makes the answer doubtful, or is in its way.
+        Reasons that make the answer doubtful, or prevent one.
     time_ms : mapping of str to float
-        Time of each stage, and ``total`` of the whole command, milliseconds.
+        Time of each stage, and ``total`` for the whole command, milliseconds.
     sigmas : ToldSigmas
-        Standard deviations of time, lens and air as given.
+        Stated standard deviations of time, lens and air.
     """
 
     fix: Fix
@@ -76,12 +76,12 @@ class Answer:
 
     @property
     def pointing(self) -> Pointing | None:
-        """Azimuth, altitude and roll of the boresight, where the whole attitude is known."""
+        """Azimuth, altitude and roll of the boresight; None unless the full attitude is known."""
         return None if self.R_cam is None else Pointing.of(self.R_cam)
 
 
 def attitude_of(fix: Fix, utc: str, dut1_s: float | None, given: Attitude | None) -> F8 | None:
-    """Return the rotation from east-north-up to the camera, shape (3, 3), by the stars, else the one that is given."""
+    """Return the rotation from east-north-up to the camera, shape (3, 3), from the stars, else the supplied one."""
     if fix.ok and fix.R_icrs_to_camera is not None:
         instant = parse_utc(utc)
         to_terrestrial = celestial_to_terrestrial(instant, earth_orientation(instant, dut1_s))
@@ -90,7 +90,7 @@ def attitude_of(fix: Fix, utc: str, dut1_s: float | None, given: Attitude | None
 
 
 def match_names(fix: Fix) -> list[str]:
-    """Name of the star or planet of every match."""
+    """Return the name of the star or planet of every match."""
     catalog = load_catalog()
     ids = [int(star_id) for star_id in fix.matches[:, 1]]
     of_planets = {star_id: planet_name(star_id) or "" for star_id in ids}
@@ -103,7 +103,7 @@ def match_names(fix: Fix) -> list[str]:
 
 
 def length_text(metres: float) -> str:
-    """Write a length with two significant digits, in m or km."""
+    """Format a length with two significant digits, in m or km."""
     if not metres > 0:
         return "0 m"
     value, unit = (metres, "m") if metres < 995 else (metres / 1000, "km")
@@ -112,14 +112,14 @@ def length_text(metres: float) -> str:
 
 
 def degree_decimals(sigma_km: float) -> int:
-    """Return how many decimals of a degree a position of this standard deviation deserves: the last is within it."""
+    """Return the number of decimals, in degrees, for a position with this standard deviation; the last is within it."""
     if not sigma_km > 0:
         return 5
     return min(max(math.ceil(-math.log10(sigma_km / _KM_PER_DEG)), 1), 7)
 
 
 def position_texts(fix: Fix) -> tuple[str, str]:
-    """Write latitude and longitude with the digits that the uncertainty allows."""
+    """Format latitude and longitude with as many digits as the uncertainty justifies."""
     sigma_km = 0.0 if fix.cov_km2 is None else float(np.sqrt(np.diag(fix.cov_km2)).min())
     decimals = degree_decimals(sigma_km)
     return (
@@ -129,7 +129,7 @@ def position_texts(fix: Fix) -> tuple[str, str]:
 
 
 def map_link(fix: Fix) -> str:
-    """Return the address of a map of the position. It is text: no program opens it."""
+    """Return the web address of a map of the position, as text only; no program opens it."""
     sigma_km = 1.0 if fix.cov_km2 is None else float(np.sqrt(np.diag(fix.cov_km2)).max())
     decimals = degree_decimals(sigma_km)
     lat, lon = f"{fix.lat_deg:.{decimals}f}", f"{fix.lon_deg:.{decimals}f}"
@@ -138,7 +138,7 @@ def map_link(fix: Fix) -> str:
 
 
 def text_of(answer: Answer, matches: bool = False) -> str:
-    """Write the answer in a few lines, the matches as a table below them where wanted."""
+    """Format the answer in a few lines, with a table of the matches below them if wanted."""
     fix, pointing = answer.fix, answer.pointing
     lines: list[tuple[str, str]] = []
     if fix.ok:
@@ -171,7 +171,7 @@ def text_of(answer: Answer, matches: bool = False) -> str:
 
 
 def json_of(answer: Answer, matches: bool = False) -> str:
-    """Write the answer as JSON, one line to a key; the matches, a line each, where wanted."""
+    """Format the answer as JSON with one line per key and, if wanted, one line per match."""
     fix = answer.fix
     content = fix.to_dict()
     content["n_matches"], content["n_detections"] = len(fix.matches), len(answer.detections)
@@ -226,7 +226,7 @@ def _pointing_text(pointing: Pointing) -> str:
 
 
 def _middle_line(camera: Camera, R_icrs_to_camera: F8) -> list[tuple[str, str]]:
-    """Say what the middle of the image shows, where the lens' axis is elsewhere."""
+    """Describe the direction of the image's centre, if the axis of the lens is elsewhere."""
     middle = np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]])
     if (
         np.hypot(*(middle[0] - [camera.cx_px, camera.cy_px])) < 1
@@ -239,7 +239,7 @@ def _middle_line(camera: Camera, R_icrs_to_camera: F8) -> list[tuple[str, str]]:
 
 
 def _celestial_text(R_icrs_to_camera: F8) -> str:
-    """Say where the boresight is among the stars, and how the top of the image is turned from north through east."""
+    """Describe the celestial position of the boresight, and the position angle of the image's top, north through east."""
     _, down, axis = R_icrs_to_camera
     ra, dec = math.atan2(axis[1], axis[0]), math.asin(max(-1.0, min(1.0, axis[2])))
     east = np.array([-math.sin(ra), math.cos(ra), 0.0])
@@ -256,7 +256,7 @@ def _time_text(time_ms: Mapping[str, float]) -> str:
 
 
 def _camera_lines(answer: Answer) -> list[tuple[str, str]]:
-    """Say what the camera is, and what the solver changed of it."""
+    """Describe the camera, and the corrections of the solver to it."""
     camera, (width, height) = answer.camera, field_deg(answer.camera)
     lines = [("camera", f"{answer.camera_from}: {camera.model}, {camera.f_px:.1f} px, {width:.3g} x {height:.3g} deg")]
     if calibrated := _calibration_text(answer.fix):
@@ -265,7 +265,7 @@ def _camera_lines(answer: Answer) -> list[tuple[str, str]]:
 
 
 def _calibration_text(fix: Fix) -> str:
-    """Say what the solver changed of the camera."""
+    """Describe the corrections of the solver to the camera."""
     found, parts = fix.calibration, []
     if found.log_f is not None:
         parts.append(f"focal length {_signed(100 * math.expm1(found.log_f.value), 2)} %")
@@ -277,7 +277,7 @@ def _calibration_text(fix: Fix) -> str:
 
 
 def _signed(value: float, decimals: int) -> str:
-    """Write a number with its sign; what rounds to zero has none of its own."""
+    """Format a number with its sign; a negative number that rounds to zero loses its sign."""
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
 
 
@@ -303,13 +303,14 @@ def _match_table(answer: Answer) -> list[str]:
 
 
 def printable(text: str, kept: str = "\n") -> str:
-    r"""Write every character that is not printable as Python does (``\x1b``), but for those that are kept.
+    r"""Escape every character that is not printable as Python does (``\x1b``), except for those that are kept.
 
     Parameters
     ----------
     text : str
+        The text.
     kept : str
-        Characters that stay; none, for what is one line whatever the names in it hold.
+        Characters that stay unchanged; empty for text that must be a single line, whatever the names in it contain.
     """
     if text.isprintable():
         return text

@@ -138,7 +138,7 @@ def _camera_options(group: argparse._ArgumentGroup) -> None:
 
 
 class _Version(argparse.Action):
-    """``--version``: the version is looked up only when it is asked for."""
+    """``--version``, which looks up the version only when the option is given."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, **words: Any) -> None:
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **words)

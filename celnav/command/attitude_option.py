@@ -9,7 +9,7 @@ from celnav.command.pointing import Pointing
 from celnav.errors import AttitudeError
 from celnav.sky.utc import parse_utc
 
-# Rms of an axis of the accelerometers that wrote eight published photographs is 10 thousandths of g.
+# The accelerometers in eight published photographs have an rms error of 10 thousandths of g along each axis.
 GRAVITY_SIGMA_DEG = 0.6
 _GRAVITY = re.compile(r"\s*exif\s*(?:,\s*tilt_sigma\s*=\s*(?P<sigma>[^,]+))?")
 _KEYS = ("azimuth", "altitude", "roll", "tilt_sigma", "heading_sigma")
@@ -24,23 +24,23 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
     ----------
     text : str
         ``unknown``; ``zenith-north-up``; ``zenith``; ``exif``, the vertical of the image's maker note, with ``,tilt_sigma=``
-        where it is not GRAVITY_SIGMA_DEG; angles in degrees such as ``azimuth=120,altitude=45,roll=3``, with
-        ``tilt_sigma`` and ``heading_sigma`` where they are uncertain; or the name of a JSON file with `R_cam`. Without an
-        azimuth the heading is unknown.
+        if it is not GRAVITY_SIGMA_DEG; angles in degrees such as ``azimuth=120,altitude=45,roll=3``, with ``tilt_sigma``
+        and ``heading_sigma`` if they are uncertain; or the name of a JSON file with `R_cam`. Without an azimuth, the heading
+        is unknown.
     up : tuple of float, optional
-        The zenith's direction in the camera frame by the image's tags.
+        Direction of the zenith in the camera frame, from the image's tags.
     utc : str, optional
-        Middle of the exposure: a calibration's attitude is taken for that time.
+        Middle of the exposure, the time for which the attitude of a calibration is predicted.
 
     Returns
     -------
     Attitude or None
-        None where nothing is known.
+        The attitude; None if nothing is known.
 
     Raises
     ------
     AttitudeError
-        When the value is none of these, or an angle is out of range, or the tags have no vertical.
+        When the value has none of these forms, an angle is out of range, or the tags have no vertical.
     """
     if text == "unknown":
         return None

@@ -1,4 +1,4 @@
-"""``celnav calibrate``: from its arguments to files and a report."""
+"""``celnav calibrate``: from the arguments to files and a report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from celnav.errors import ConfigError
 
 
 def calibrate_files(arguments: argparse.Namespace) -> str:
-    """Calibrate from the frames that the arguments name, write what they ask for, and return the report.
+    """Calibrate from the frames named by the arguments, write the requested files, and return the report.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
 
 
 def _mask_picture(mask: NDArray[np.bool_]) -> bytes:
-    """A PNG, white where pixels are not used."""
+    """Return a PNG that is white where pixels are not used."""
     from PIL import Image
 
     content = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Frames of a calibration from files: images with their times, and the centroids of RMS' recalibrated platepars."""
+"""Reading of calibration frames: images with their times, and the centroids of RMS' recalibrated platepars."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from celnav.sky.utc import parse_utc
 MAX_BYTES = 200_000_000
 MAX_FRAMES = 2000
 MAX_STARS = 100_000
-# RMS' blocks are 256 frames of video at 25 a second.
+# A block of RMS consists of 256 video frames at 25 per second.
 _BLOCK_S = 10.24
 _FEWEST_NAMED = 20
-# Images that a mask is learnt from.
+# Least and largest number of images from which a mask is learnt.
 FEWEST_FOR_MASK, _MOST_FOR_MASK = 5, 12
 
 
@@ -49,14 +49,14 @@ def read_frames(
     paths : sequence of str
         Images; a ``platepars_all_recalibrated.json`` of RMS stands for all of its frames that RMS recalibrated.
     utc : sequence of str, optional
-        Middle of each exposure, in the order of the images; else the time is that of the FITS header, of the frame record
-        beside the image (same name, ``.json``), or of the EXIF tags.
+        Middle of each exposure, in the order of the images; otherwise taken from the FITS header, the frame record next to
+        the image (same name, ``.json``), or the EXIF tags.
     time_zone, stamp
-        Of EXIF tags, as for ``celnav solve``.
+        Interpretation of EXIF times, as for ``celnav solve``.
     mask : ndarray of bool, optional
-        Pixels that are not used; without it, of five images or more what is not sky is learnt (`celnav.sky_mask`).
+        Pixels that are not used; without it, a mask is learnt if there are five or more images (`celnav.sky_mask`).
     star_sigma_px : float, optional
-        Standard deviation of the stars' images; measured unless given.
+        Standard deviation of the star images; measured unless given.
     """
     if utc is not None and len(utc) != len(paths):
         raise TimeError(f"--utc is given {len(utc)} times for {len(paths)} frames: give one for each, in their order")
@@ -99,7 +99,7 @@ def _image_frame(
 
 
 def image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | None]:
-    """Pixels; middle and length (s) of the exposure where header, frame record or tags state them."""
+    """Return the pixels, and middle and duration (s) of the exposure if header, frame record or tags state them."""
     refuse_raw(path)
     if is_fits(path):
         found = read_fits(path)
@@ -110,7 +110,7 @@ def image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | 
 
 
 def learnt_mask(paths: Sequence[str]) -> NDArray[np.bool_] | None:
-    """What is not sky, from up to twelve images spread over all; None where they are few, or their sky has not turned."""
+    """Learn a mask from up to twelve images spread over all; None if they are few or their sky has not turned."""
     paths = [path for path in paths if Path(path).suffix.lower() != ".json"]
     if len(paths) < FEWEST_FOR_MASK:
         return None
@@ -126,7 +126,7 @@ def _written(moment: datetime) -> str:
 
 
 def _of_record(path: Path) -> tuple[str | None, float | None]:
-    """Middle and length (s) of the exposure by the frame record beside an image; None where it does not say."""
+    """Return middle and duration (s) of the exposure from the frame record next to an image; None if not stated."""
     try:
         record = json.loads(path.read_text(encoding="utf-8")) if path.stat().st_size <= MAX_BYTES else None
     except (OSError, ValueError, RecursionError):
@@ -139,9 +139,9 @@ def _of_record(path: Path) -> tuple[str | None, float | None]:
 
 
 def read_rms_centroids(path: str | Path) -> list[CalibrationFrame]:
-    """Read ``platepars_all_recalibrated.json``: of each frame that RMS recalibrated, the centroids that it measured.
+    """Read ``platepars_all_recalibrated.json``: the centroids of each frame that RMS recalibrated.
 
-    The names and the poses that RMS gave are not used. Rows of ``star_list`` are Julian date, row, column, intensity, right
+    The identifications and poses from RMS are not used. Rows of ``star_list`` are Julian date, row, column, intensity, right
     ascension, declination, magnitude. Frames with fewer than 20 stars are left out.
     """
     try:
@@ -178,7 +178,7 @@ def _rms_frame(path: str | Path, name: str, platepar: dict[str, Any]) -> Calibra
     rows = rows[np.argsort(-rows[:, 3], kind="stable")]
     middle = block_middle(name, _BLOCK_S)
     if middle is None:
-        # A Julian date in one double is good to 0.04 ms.
+        # A Julian date in one double is accurate to 0.04 ms.
         days = finite_number(float(rows[0, 0]), f"{what}: Julian date", CalibrationError, 2_400_000, 2_600_000)
         middle = datetime(2000, 1, 1, 12, tzinfo=UTC) + timedelta(days=days - 2451545.0)
     detections = Detections(rows[:, [2, 1]].copy(), np.maximum(rows[:, 3], math.ulp(1.0)), (height, width), None)

@@ -1,6 +1,6 @@
-"""Camera files: celnav's own JSON, a frame record, calibrations of OpenCV and ROS in YAML or JSON, and platepars of RMS.
+"""Reading of camera files: celnav's own JSON, frame records, OpenCV and ROS calibrations (YAML, JSON), and RMS platepars.
 
-OpenCV puts pixel centres at integers as celnav does (docs/conventions.md), so its principal point is taken as it is.
+Like celnav, OpenCV puts pixel centres at integers (docs/conventions.md), so its principal point is used as it is.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class CameraFile:
     camera : Camera
         The camera.
     kind : str
-        What the file is, in words.
+        Kind of file, in words.
     assumed : tuple of str
-        What the file does not say and the reader took for granted, a sentence each.
+        Assumptions on what the file does not state, a sentence each.
     """
 
     camera: Camera
@@ -61,16 +61,17 @@ def read_camera_file(path: str | Path, size: tuple[int, int] | None = None) -> C
         JSON: a camera (with ``f_px`` or ``hfov_deg``) or a frame record; YAML or JSON: a calibration of OpenCV
         (``FileStorage``, or plain lists under ``camera_matrix``), a ``camera_info`` of ROS, or a platepar of RMS.
     size : tuple of int, optional
-        Width and height of the image, for files that give none.
+        Width and height of the image, for files that do not give them.
 
     Returns
     -------
     CameraFile
+        The camera, the kind of file, and the assumptions.
 
     Raises
     ------
     CameraError
-        When the file cannot be read, lacks a value, or describes a lens that celnav has no model of.
+        When the file cannot be read, lacks a value, or describes a lens for which celnav has no model.
     """
     record = _tree(Path(path))
     try:
@@ -95,7 +96,7 @@ def read_camera_file(path: str | Path, size: tuple[int, int] | None = None) -> C
 
 
 def camera_of_field(model: str, width: int, height: int, hfov_deg: float, k: tuple[float, ...] = ()) -> Camera:
-    """Make a camera from its horizontal field of view, edge to edge through the middle.
+    """Make a camera from its horizontal field of view, edge to edge through the centre.
 
     Parameters
     ----------
@@ -106,12 +107,12 @@ def camera_of_field(model: str, width: int, height: int, hfov_deg: float, k: tup
     hfov_deg : float
         Field of view, degrees.
     k : tuple of float
-        Distortion coefficients of `kannala_brandt`.
+        Distortion coefficients for `kannala_brandt`.
 
     Raises
     ------
     CameraError
-        When the model cannot show such a field, or is `brown_conrady`, whose focal length the field does not give.
+        When the model cannot show such a field, or is `brown_conrady`, whose focal length does not follow from the field.
     """
     if isinstance(hfov_deg, bool) or not isinstance(hfov_deg, (int, float)) or not 0 < hfov_deg < 360:
         raise CameraError(f"hfov_deg = {hfov_deg!r} must be a number of degrees between 0 and 360")
@@ -129,7 +130,7 @@ def camera_of_field(model: str, width: int, height: int, hfov_deg: float, k: tup
 
 
 def _tree(path: Path) -> Mapping[str, Any]:
-    """Read JSON or YAML; YAML may have the first line and the matrices of OpenCV's ``FileStorage``."""
+    """Read JSON or YAML; YAML may contain the first line and the matrices of OpenCV's ``FileStorage``."""
     try:
         data = path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
     except OSError as error:
@@ -166,7 +167,7 @@ def _yaml(text: str) -> object:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """Safe, with the one tag that OpenCV writes, and without aliases: of 400 bytes they make gigabytes."""
+        """Safe loader with the one tag that OpenCV writes, and without aliases, which can expand 400 bytes to gigabytes."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.check_event(yaml.AliasEvent):
@@ -179,7 +180,7 @@ def _yaml(text: str) -> object:
         return loader.construct_mapping(node, deep=True)
 
     Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", matrix)
-    # OpenCV writes "%YAML:1.0", which is no directive of YAML.
+    # OpenCV writes "%YAML:1.0", which is not a YAML directive.
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
     try:
@@ -191,7 +192,7 @@ def _yaml(text: str) -> object:
 
 
 def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:
-    """Read celnav's own form, in which ``hfov_deg`` may stand for ``f_px``."""
+    """Read celnav's own format, in which ``hfov_deg`` may replace ``f_px``."""
     known = {str(name): value for name, value in record.items() if value is not None}
     if size is not None and "width" not in known and "height" not in known:
         known["width"], known["height"] = size
@@ -201,14 +202,14 @@ def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:
         raise CameraError("give f_px or hfov_deg, not both")
     hfov_deg = known.pop("hfov_deg")
     known.setdefault("model", "pinhole")
-    # The checks of a whole camera come first; its focal length then follows from the field.
+    # First check the camera as a whole; its focal length then follows from the field.
     checked = Camera.from_dict(known | {"f_px": 1.0})
     found = camera_of_field(checked.model, checked.width, checked.height, hfov_deg, checked.k)
     return Camera.from_dict(known | {"f_px": found.f_px})
 
 
 def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> CameraFile:
-    """Read a calibration of OpenCV or ROS."""
+    """Read an OpenCV or ROS calibration."""
     width, height = _size(record, size)
     key = next(name for name in _MATRIX_NAMES if name in record)
     matrix = _numbers(record[key], key)
@@ -245,14 +246,14 @@ def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> Cam
 
 
 def _may_be_distortion(name: str) -> bool:
-    """Tell whether a key that is not read may hold a distortion: ``distortion_coeffs`` of Kalibr, ``distCoeff``, ``k1``."""
+    """Return whether an unread key may hold distortion: ``distortion_coeffs`` of Kalibr, ``distCoeff``, ``k1``."""
     return name not in (*_MATRIX_NAMES, *_DISTORTION_NAMES, "distortion_model") and bool(
         _LIKE_DISTORTION.fullmatch(name)
     )
 
 
 def _platepar(record: Mapping[str, Any]) -> CameraFile:
-    """Read the lens of a platepar of RMS; where it states no distortion, its scale: a start for `celnav.calibrate`."""
+    """Read the lens of an RMS platepar; if it states no distortion, its scale only, as a start for `celnav.calibrate`."""
     kind = "platepar of RMS"
     if has_distortion(record):
         found = lens_of_platepar(record)
@@ -267,7 +268,7 @@ def _platepar(record: Mapping[str, Any]) -> CameraFile:
 
 
 def _is_fisheye(record: Mapping[str, Any]) -> bool:
-    """Tell whether a calibration is of OpenCV's ``fisheye``, which ROS calls equidistant."""
+    """Return whether a calibration is for OpenCV's ``fisheye``, which ROS calls equidistant."""
     if record.get("fisheye_model") not in (None, 0, False):
         return True
     model = str(record.get("distortion_model") or "").strip().lower()
@@ -301,7 +302,7 @@ def _size_assumed(record: Mapping[str, Any], *names: str) -> tuple[str, ...]:
 
 
 def _numbers(value: object, key: str) -> NDArray[np.float64]:
-    """Return the numbers of a matrix as OpenCV writes it (``data``), or of nested lists; shape (n,)."""
+    """Return the numbers of a matrix in OpenCV's form (``data``), or of nested lists; shape (n,)."""
     if isinstance(value, Mapping):
         value = value.get("data")
     count, parts = 0, [value]

@@ -1,7 +1,7 @@
-"""What a photograph says about itself: the EXIF tags for its time, its lens and the vertical.
+"""EXIF tags of photographs: time, lens and the vertical.
 
-Tags are input from outside: numbers are checked, text is cut and stripped of anything that a terminal would act upon.
-The position that a photograph may carry is not read.
+Tags are untrusted input: numbers are checked, and text is truncated and stripped of anything that a terminal would act upon.
+The position that a photograph may contain is not read.
 
 Source: CIPA DC-008-2019, "Exchangeable image file format for digital still cameras: Exif Version 2.32".
 """
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _Tags = Mapping[int, object]
 _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _LONGEST_TEXT = 60
-# Millimetres of the units of FocalPlaneResolutionUnit; 4 and 5 are in wide use though not in the standard.
+# Units of FocalPlaneResolutionUnit in millimetres; 4 and 5 are widely used although they are not in the standard.
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 RAW_SUFFIXES = {
     ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf",
@@ -36,38 +36,38 @@ RAW_SUFFIXES = {
 
 @dataclass(frozen=True)
 class PhotoTags:
-    """Tags of a photograph; None, or empty, where it has none.
+    """Tags of a photograph; missing ones are None or empty.
 
     Attributes
     ----------
     width, height : int
         Size of the stored picture, pixels.
     taken : datetime or None
-        Time of the camera's clock, without a zone.
+        Time of the camera's clock, without a time zone.
     whole_seconds : bool
         Whether that time lacks fractions of a second.
     offset : timedelta or None
-        Of the camera's clock from UTC.
+        Offset of the camera's clock from UTC.
     gps_utc : datetime or None
         Time of the last position fix; UTC.
     exposure_s : float or None
-        Length of the exposure.
+        Exposure time.
     focal_length_mm, focal_length_35mm : float or None
-        Of the lens; and of a lens with the same field of view on 35 mm film, by the diagonal.
+        Focal length of the lens, and of a lens with the same diagonal field of view on 35 mm film.
     focal_plane_px_mm : float or None
-        Pixels to a millimetre of the sensor.
+        Pixels per millimetre of the sensor.
     tagged_width_px : int or None
         Width of the picture that the camera wrote.
     orientation : int
-        1: stored as it is to be shown; 2 to 8: turned or mirrored.
+        1: stored as it is to be shown; 2 to 8: rotated or mirrored.
     camera, lens : str
-        Names.
+        Names of camera and lens.
     up : tuple of float or None
-        The zenith's direction in the camera frame of the pixels as they are read, by the accelerometer of a telephone.
+        Direction of the zenith, from the accelerometer of a telephone, in the camera frame of the pixels as they are read.
     source : str
-        Where time and exposure stand.
+        Where time and exposure were found.
     lacks : str
-        What hinders the time of a FITS image from being known; empty where it is known.
+        Reason why the time of a FITS image is not known; empty if it is known.
     """
 
     width: int
@@ -90,7 +90,7 @@ class PhotoTags:
 
 
 def refuse_raw(path: str | Path) -> None:
-    """Raise `ImageError` for a raw file, which many programs would open as its small preview."""
+    """Raise `ImageError` for a raw file, of which many programs would only open the small preview."""
     suffix = Path(path).suffix.lower()
     if suffix in RAW_SUFFIXES:
         raise ImageError(
@@ -100,12 +100,12 @@ def refuse_raw(path: str | Path) -> None:
 
 
 def read_tags(path: str | Path) -> PhotoTags:
-    """Read the tags of a PNG, JPEG, TIFF or HEIF; of a FITS image, its size and the start and length of its exposure.
+    """Read the tags of a PNG, JPEG, TIFF or HEIF; for a FITS image, its size and the start and duration of its exposure.
 
     Raises
     ------
     ImageError
-        When the file is no such image, or a TIFF that is to be turned. Tags that are damaged count as absent.
+        When the file is not such an image, or is a TIFF that must be rotated. Damaged tags count as absent.
     """
     from PIL import Image
 
@@ -156,7 +156,7 @@ def _loaded(content: bytes) -> Image.Exif:
 
 
 def _directories(read: Callable[[], Image.Exif]) -> tuple[_Tags, _Tags, _Tags]:
-    """Return the tags of the picture, of the photograph and of the position; empty where they are damaged."""
+    """Return the tags of the picture, of the photograph and of the position; empty if they are damaged."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -167,7 +167,7 @@ def _directories(read: Callable[[], Image.Exif]) -> tuple[_Tags, _Tags, _Tags]:
 
 
 def _tags(size: tuple[int, int], base: _Tags, photo: _Tags, gps: _Tags, turned: bool = False) -> PhotoTags:
-    """Check the tags of a picture; `turned`: its pixels are already turned by its orientation."""
+    """Check the tags of a picture; `turned` states that its pixels are already rotated by its orientation."""
     fraction = re.match(r"\d+", _text(photo.get(0x9291)))
     taken = _time(photo.get(0x9003))
     if taken is not None and fraction:
@@ -197,9 +197,9 @@ def _tags(size: tuple[int, int], base: _Tags, photo: _Tags, gps: _Tags, turned: 
 
 
 def _up(note: object, size: tuple[int, int], lens: str, orientation: int, turned: bool) -> Vector | None:
-    """Read the vertical from the maker note of a rear camera's picture whose pixels are as that camera wrote them."""
+    """Read the vertical from the maker note, if the picture is from a rear camera and its pixels are as written by it."""
     acceleration = acceleration_g(note)
-    # Cameras store rows along the telephone's long side; a program that turned the picture has left them upright.
+    # Cameras store rows along the telephone's long side; a program that has rotated the picture has left them upright.
     rows, columns = size if not (turned and orientation >= 5) else size[::-1]
     if acceleration is None or rows < columns or "front" in lens.lower():
         return None
@@ -215,7 +215,7 @@ def _text(value: object) -> str:
 
 
 def _positive(value: object) -> float | None:
-    """Return a number above zero and below a thousand million, or None."""
+    """Return a number above zero and below one billion, or None."""
     if isinstance(value, (tuple, list)) and len(value) == 1:
         value = value[0]
     if not isinstance(value, (SupportsFloat, str)):

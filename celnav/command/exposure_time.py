@@ -1,4 +1,4 @@
-"""The middle of the exposure: as given, or from a photograph's tags and a time zone."""
+"""The middle of the exposure: as supplied, or from a photograph's tags and a time zone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from celnav.errors import TimeError
 from celnav.sky.utc import parse_utc
 
 Stamp = Literal["start", "middle", "end"]
-# Times of position fixes are up to minutes old, and clocks a little wrong; zones differ from UTC by quarters of an hour.
+# Times of position fixes can be minutes old, and clocks slightly wrong; zones differ from UTC by multiples of a quarter hour.
 _QUARTER_S = 900.0
 _MOST_STALE_S = 240.0
 
@@ -24,9 +24,9 @@ class ExposureTime:
     Attributes
     ----------
     utc : str
-        ISO 8601 with Z, or as the caller gave it.
+        ISO 8601 with Z, or as supplied by the caller.
     assumed : tuple of str
-        How it follows from the photograph, a sentence each.
+        How the time follows from the photograph, a sentence each.
     """
 
     utc: str
@@ -34,24 +34,24 @@ class ExposureTime:
 
 
 def exposure_time(tags: PhotoTags, utc: str | None, time_zone: str | None, stamp: Stamp = "start") -> ExposureTime:
-    """Find the middle of the exposure.
+    """Determine the middle of the exposure.
 
     Parameters
     ----------
     tags : PhotoTags
-        Of the photograph.
+        Tags of the photograph.
     utc : str or None
-        The middle, where the caller knows it; the tags are then not used.
+        The middle, if the caller knows it; the tags are then not used.
     time_zone : str or None
-        Zone of the camera's clock, ``+02:00`` or ``Europe/Berlin``; None takes it from the tags.
+        Time zone of the camera's clock, ``+02:00`` or ``Europe/Berlin``; None takes it from the tags.
     stamp : str
-        What the photograph's time marks: the ``start``, ``middle`` or ``end`` of the exposure. The EXIF standard leaves it
-        open; most cameras write the start.
+        What the photograph's time refers to: the ``start``, ``middle`` or ``end`` of the exposure. The EXIF standard leaves
+        it open; most cameras write the start.
 
     Raises
     ------
     TimeError
-        When the time is missing, is malformed, has no zone, or falls into an hour that a clock shows twice or never.
+        When the time is missing, malformed, without a time zone, or in an hour that a clock shows twice or never.
     """
     if utc is not None:
         if time_zone is not None:
@@ -79,7 +79,7 @@ def exposure_time(tags: PhotoTags, utc: str | None, time_zone: str | None, stamp
 
 
 def _on_the_clock(tags: PhotoTags, taken: datetime, time_zone: str | None) -> tuple[datetime, list[str]]:
-    """Return the time that the camera's clock showed, with its zone, and how that zone is known."""
+    """Return the time of the camera's clock, with its time zone, and how that zone is known."""
     shown = f"{taken:%Y-%m-%d %H:%M:%S}"
     if time_zone is not None:
         return _local(taken, _zone(time_zone), time_zone), [
@@ -120,7 +120,7 @@ def _zone(name: str) -> tzinfo:
 
 
 def _local(taken: datetime, zone: tzinfo, name: str) -> datetime:
-    """Give a clock's time its zone; refuse a time that the clock showed twice or never."""
+    """Add the time zone to a clock's time; refuse a time that the clock showed twice or never."""
     first, second = taken.replace(tzinfo=zone, fold=0), taken.replace(tzinfo=zone, fold=1)
     offsets = [_offset_text(moment.utcoffset() or timedelta(0)) for moment in (first, second)]
     if offsets[0] != offsets[1]:

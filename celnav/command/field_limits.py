@@ -1,4 +1,4 @@
-"""The camera's field of view, and which solvers were made for so narrow a one."""
+"""The camera's field of view, and the narrowest fields that the solvers were made for."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from celnav.camera import Camera
 from celnav.sky.catalog import load_catalog
 
-# Of the catalogues of the thesis' solvers the deepest ends here (`celnav.matching.patterns`), and with fewer stars of the
-# field they mostly refuse (docs/celnav.md, "Measured").
+# Limit of the deepest catalogue of the thesis' solvers (`celnav.matching.patterns`). If the field has fewer of its stars,
+# they mostly refuse (docs/celnav.md, "Measured").
 _THESIS_V_MAG = 4.5
 _THESIS_STARS = 15
-# Narrower ones hold fewer stars of the catalogue than an identification takes (docs/solver.md, "Hypotheses").
+# Narrower fields contain fewer catalogue stars than an identification needs (docs/solver.md, "Hypotheses").
 _SKYBENCH_DEG = 5.0
 
 
 def field_deg(camera: Camera) -> tuple[float, float]:
-    """Width and height of the field, degrees: through the principal point from edge to edge, or to the image circle."""
+    """Return width and height of the field, degrees, through the principal point, to the edges or the image circle."""
 
     def across(n: int, at: float, column: bool) -> float:
         along = np.linspace(-0.5, n - 0.5, 201)
@@ -33,7 +33,7 @@ def field_deg(camera: Camera) -> tuple[float, float]:
 
 
 def field_limit(camera: Camera, solver: str) -> str:
-    """Return the limit of the solver that the field falls short of, as a sentence; empty where it keeps them all."""
+    """Return the limit of the solver that the field violates, as a sentence; empty if there is none."""
     width, height = field_deg(camera)
     field = f"the field of {width:.3g} x {height:.3g} deg"
     if solver == "skybench":

@@ -1,9 +1,9 @@
-"""Gravity as a telephone's accelerometer felt it, from the maker note of its photograph: Apple's AccelerationVector.
+"""Gravity measured by a telephone's accelerometer, from the maker note of a photograph: Apple's AccelerationVector.
 
-Layout and axes after ExifTool's documentation (lib/Image/ExifTool/MakerNotes.pm, Apple.pm): a header of 14 bytes, then a TIFF
-directory with offsets from the header's start; tag 0x0008, three signed fractions in units of g. Of the telephone at rest
-they are the direction of gravity along Core Motion's axes: x to the right of the screen, y to its top, z out of it. The rear
-camera's pictures are stored with the telephone's top to the left, so that rows run along -y and columns along -x.
+Layout and axes follow ExifTool's documentation (lib/Image/ExifTool/MakerNotes.pm, Apple.pm): a header of 14 bytes, then a
+TIFF directory with offsets from the header's start; tag 0x0008 has three signed fractions in units of g. For a telephone at
+rest they are the direction of gravity along Core Motion's axes: x to the right of the screen, y to its top, z out of it.
+Pictures of the rear camera are stored with the telephone's top to the left, so rows run along -y and columns along -x.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ _ORDERS = {b"MM": ">", b"II": "<"}
 _START = 14
 _ACCELERATION, _SIGNED_FRACTION = 0x0008, 10
 _MOST_ENTRIES = 512
-# Of a telephone that is shaken or falling the vector says nothing about the vertical.
+# If the telephone is shaken or falling, the vector does not give the vertical.
 _AT_REST = (0.9, 1.1)
 
 Vector = tuple[float, float, float]
 
 
 def acceleration_g(note: object) -> Vector | None:
-    """Read the acceleration from a maker note, g; None where it has none, or is damaged."""
+    """Read the acceleration from a maker note, g; None if it has none or is damaged."""
     if not isinstance(note, bytes) or not note.startswith(_HEADER):
         return None
     order = _ORDERS.get(note[12:_START])
@@ -43,21 +43,21 @@ def acceleration_g(note: object) -> Vector | None:
 
 
 def up_in_picture(acceleration: Vector, orientation: int, turned: bool) -> Vector | None:
-    """Direction of the zenith in the camera frame, a unit vector.
+    """Return the direction of the zenith in the camera frame, a unit vector.
 
     Parameters
     ----------
     acceleration : tuple of float
-        Of :func:`acceleration_g`.
+        Result of :func:`acceleration_g`.
     orientation : int
         EXIF orientation that the camera wrote.
     turned : bool
-        Whether the pixels are turned by it, as decoders of HEIF do; else they are as stored.
+        Whether the pixels have been rotated by it, as HEIF decoders do; otherwise they are as stored.
 
     Returns
     -------
     tuple of float or None
-        x to the right, y down, z along the boresight. None where the telephone was not at rest, or a turned picture is
+        x to the right, y down, z along the boresight. None if the telephone was not at rest, or a rotated picture is
         mirrored.
     """
     length = math.hypot(*acceleration)

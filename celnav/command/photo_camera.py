@@ -1,4 +1,4 @@
-"""A camera from a photograph's tags, where no calibration exists: a pinhole whose focal length the tags give."""
+"""A camera from a photograph's tags, for use without a calibration: a pinhole with the focal length of the tags."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from celnav.errors import CameraError
 
 # Diagonal of 36 mm x 24 mm, to which CIPA DCG-001 refers the equivalent focal length.
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
-# Beyond it lenses are seldom close to a pinhole: fisheyes, and wide lenses with a per cent and more of distortion.
+# Wider lenses are seldom close to a pinhole: fisheyes, and wide lenses with a per cent and more of distortion.
 WIDE_DEG = 75.0
-# Where the sensor's pitch and the equivalent focal length differ by more, the picture was resized or cropped.
+# If the sensor's pixel pitch and the equivalent focal length disagree by more, the picture was resized or cropped.
 _AGREEMENT = 0.1
 
 
@@ -24,9 +24,9 @@ class PhotoCamera:
     Attributes
     ----------
     camera : Camera
-        A pinhole.
+        A pinhole camera.
     assumed, warnings : tuple of str
-        What was taken for granted, and what makes it doubtful; a sentence each.
+        Assumptions, and reasons to doubt them; a sentence each.
     """
 
     camera: Camera
@@ -42,9 +42,10 @@ def photo_camera(
     Parameters
     ----------
     tags : PhotoTags
-        Of the photograph.
+        Tags of the photograph.
     focal_length_mm, sensor_width_mm : float, optional
-        Of the lens, and of the part of the sensor that the stored picture's rows show; each replaces what the tags say.
+        Focal length of the lens, and width of the part of the sensor that the rows of the stored picture show; each
+        replaces the value of the tags.
 
     Raises
     ------
@@ -73,7 +74,7 @@ def photo_camera(
 
 
 def _focal_length(tags: PhotoTags, focal_length_mm: float | None, sensor_width_mm: float | None) -> tuple[float, str]:
-    """Return the focal length in pixels, and where it comes from."""
+    """Return the focal length in pixels, and its source."""
     f_mm = focal_length_mm if focal_length_mm is not None else tags.focal_length_mm
     given = f"{f_mm:g} mm" if f_mm is not None else ""
     given += " (EXIF)" if focal_length_mm is None else ""
@@ -88,7 +89,7 @@ def _focal_length(tags: PhotoTags, focal_length_mm: float | None, sensor_width_m
         equivalent = tags.focal_length_35mm / DIAGONAL_35MM * math.hypot(tags.width, tags.height)
     if tags.focal_plane_px_mm is not None and f_mm is not None:
         written = tags.tagged_width_px or tags.width
-        if tags.height == written != tags.width:  # turned by a program that kept the tags
+        if tags.height == written != tags.width:  # rotated by a program that kept the tags
             written = tags.width
         pitch = tags.focal_plane_px_mm * tags.width / written
         if equivalent is None or abs(math.log(f_mm * pitch / equivalent)) < _AGREEMENT:

@@ -1,9 +1,9 @@
-"""The lens of a platepar, the calibration that the Global Meteor Network's program RMS writes.
+"""The lens of a platepar, the calibration file of the Global Meteor Network's program RMS.
 
-RMS maps a pixel to the plane of an equidistant lens: pixel and correction, over `F_scale` pixels a degree. The correction is
-a cubic with radial terms for each axis (`poly3+radial`, `+radial3`, `+radial5`), or a polynomial of the distance from a
+RMS maps a pixel to the plane of an equidistant lens: pixel plus correction, over `F_scale` pixels per degree. The correction
+is a cubic with radial terms for each axis (`poly3+radial`, `+radial3`, `+radial5`), or a polynomial of the distance from a
 centre (`radial3-all` to `radial5-all`, `radial3-odd` to `radial9-odd`) with an aspect and an asymmetry. celnav's lenses map
-the other way and have other terms: one that is general enough is fitted to the map, and what it leaves is stated.
+in the other direction and have other terms, so a sufficiently general one is fitted to the map, and the residual is stated.
 
 Source: RMS (Vida et al. 2021, MNRAS 506, 5046) and its file format (github.com/CroatianMeteorNetwork/RMS).
 """
@@ -24,7 +24,7 @@ from celnav.errors import CameraError
 
 F8 = NDArray[np.float64]
 
-# How many radial coefficients each type has, and the powers of the distance that they belong to.
+# Radial coefficients of each type: the powers of the distance that they belong to.
 _POWERS = {
     "radial3-all": (2, 3),
     "radial4-all": (2, 3, 4),
@@ -34,20 +34,20 @@ _POWERS = {
     "radial7-odd": (3, 5, 7),
     "radial9-odd": (3, 5, 7, 9),
 }
-# Powers of the distance in the terms that each polynomial has beside its cubic, which is of twelve numbers with x r and y r.
+# Powers of the distance in the terms of each polynomial in addition to its cubic, which has twelve numbers with x r and y r.
 _FURTHER = {"poly3+radial": (), "poly3+radial3": (3,), "poly3+radial5": (3, 5)}
 TYPES = (*_FURTHER, *_POWERS)
 _CUBIC = 12
-# The lens is fitted on a grid of so many points, up to so far from the axis, where the map is one to one.
+# The lens is fitted on a grid of this many points, up to this angle from the axis, where the map is one to one.
 _GRID, _WIDEST_DEG, _LEAST_STRETCH = (24, 36), 95.0, 0.05
 _FEWEST_POINTS = 60
-# Of the fit in the plane: f, aspect, centre, four radial terms, decentring, thin prism, tilt of the sensor, turn.
+# Parameters of the fit in the plane: f, aspect, centre, four radial terms, decentring, thin prism, sensor tilt, rotation.
 _PARAMETERS = 19
 
 
 @dataclass(frozen=True)
 class FittedLens:
-    """A lens and what it leaves of the platepar's map.
+    """A lens, and its residuals from the platepar's map.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ def plane_of_platepar(record: Mapping[str, Any], uv: F8) -> F8:
     Raises
     ------
     CameraError
-        For a type of distortion that RMS does not have, or coefficients that are missing.
+        For a type of distortion that RMS does not have, or missing coefficients.
     """
     width, height = (_number(record, key) for key in ("X_res", "Y_res"))
     kind = str(record.get("distortion_type") or "poly3+radial")
@@ -82,7 +82,7 @@ def plane_of_platepar(record: Mapping[str, Any], uv: F8) -> F8:
 def lens_of_platepar(record: Mapping[str, Any]) -> FittedLens:
     """Fit a Kannala-Brandt lens with aspect, decentring, thin prism and tilt to the map of a platepar.
 
-    The axis of the fitted lens may be turned against that of the platepar, whose pointing is not read.
+    The axis of the fitted lens may be rotated relative to that of the platepar, whose pointing is not read.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def lens_of_platepar(record: Mapping[str, Any]) -> FittedLens:
         except CameraError:
             return np.full(2 * len(uv) + _PARAMETERS, 1e6)
         off = np.nan_to_num(camera.project(_turned(rays, turn)) - uv, nan=1e3)
-        # Terms that imitate each other stay small.
+        # Keep terms small that can compensate each other.
         return np.concatenate((off.ravel(), 1e-3 * values))
 
     with np.errstate(all="ignore"):
@@ -127,7 +127,7 @@ def lens_of_platepar(record: Mapping[str, Any]) -> FittedLens:
 
 
 def _map_on_grid(record: Mapping[str, Any], width: float, height: float) -> tuple[F8, F8]:
-    """Points of the frame where the map is one to one, shape (n, 2), and their directions, shape (n, 3)."""
+    """Return points of the frame where the map is one to one, shape (n, 2), and their directions, shape (n, 3)."""
     rows, columns = _GRID
     v, u = np.meshgrid(np.linspace(0, height - 1, rows), np.linspace(0, width - 1, columns), indexing="ij")
     uv = np.column_stack((u.ravel(), v.ravel()))
@@ -153,7 +153,7 @@ def _turned(rays: F8, turn: F8) -> F8:
 
 
 def _radial(record: Mapping[str, Any], kind: str, x: F8, y: F8, width: float, height: float) -> tuple[F8, F8]:
-    """Corrected pixels by a polynomial of the distance from the centre, in halves of the width."""
+    """Correct pixels by a polynomial of the distance from the centre, in units of half the width."""
     coefficients = iter(_coefficients(record, "x").tolist())
     x0, y0, xy, amount, phase = 0.5, 0.5, 0.0, 0.0, 0.0
     if not record.get("force_distortion_centre", False):
@@ -173,26 +173,26 @@ def _radial(record: Mapping[str, Any], kind: str, x: F8, y: F8, width: float, he
 
 
 def _polynomial(record: Mapping[str, Any], kind: str, x: F8, y: F8) -> tuple[F8, F8]:
-    """Corrected pixels by cubics of the coordinates with radial terms."""
+    """Correct pixels by cubics of the coordinates with radial terms."""
     number = _CUBIC + len(_FURTHER[kind])
     of_x, of_y = (np.append(_coefficients(record, axis), np.zeros(number))[:number] for axis in "xy")
     r = np.hypot(x - of_x[0], y - of_y[0])
     terms = [np.ones_like(x), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3]
     moved = []
     for own, other, coefficients in ((x, y, of_x), (y, x, of_y)):
-        # The terms with r begin with the axis' own coordinate.
+        # The terms with r start with the axis' own coordinate.
         radial = [own * r, other * r, *(own * r**power for power in _FURTHER[kind])]
         moved.append(own + coefficients @ np.stack([*terms, *radial]))
     return moved[0], moved[1]
 
 
 def has_distortion(record: Mapping[str, Any]) -> bool:
-    """Tell whether a platepar states its distortion, and not the scale alone."""
+    """Return whether a platepar states its distortion, and not only the scale."""
     return any(key in record for key in ("x_poly_fwd", "x_poly"))
 
 
 def _coefficients(record: Mapping[str, Any], axis: str) -> F8:
-    """The forward polynomial of an axis; the first version of the format has one polynomial for both ways."""
+    """Return the forward polynomial of an axis; the first version of the format has one polynomial for both directions."""
     key = next((key for key in (f"{axis}_poly_fwd", f"{axis}_poly") if key in record), "")
     if not key:
         raise CameraError(f"the platepar lacks {axis}_poly_fwd")

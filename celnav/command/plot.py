@@ -1,4 +1,4 @@
-"""A picture of what was found: the image, its detections, the identified stars by name, zenith and horizon."""
+"""Plot of an answer: the image, its detections, the identified stars by name, zenith and horizon."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 F8 = NDArray[np.float64]
-# Identified stars that get a ring, and those of them that get a name; the others are dots.
+# Largest number of identified stars drawn with a ring, and of those with a name; the others are drawn as dots.
 MOST_RINGS, MOST_NAMES = 200, 24
-# Of a frame's width: names of stars that are closer together would cover each other.
+# Least distance of named stars, as a fraction of the frame's width; otherwise names would overlap.
 LEAST_APART = 0.04
-# The picture is this wide; more pixels of the image than it shows are averaged over blocks.
+# Width and resolution of the picture; if the image has more pixels than this, they are averaged over blocks.
 _WIDTH_INCHES, _DPI = 11.0, 140
 _FOUND, _OTHER, _FRAME = "#4fc3f7", "#9e9e9e", "#ffb74d"
 
@@ -42,11 +42,11 @@ def draw(answer: Answer, image: NDArray[np.generic], path: str) -> None:
     Parameters
     ----------
     answer : Answer
-        What was found.
+        The answer.
     image : ndarray, shape (height, width) or (height, width, 3)
         The image.
     path : str
-        PNG to write; it appears when it is complete.
+        PNG to write; it appears only when it is complete.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def draw(answer: Answer, image: NDArray[np.generic], path: str) -> None:
 
 
 def _stretched(image: NDArray[np.generic], most_columns: int) -> NDArray[np.float64]:
-    """Average over blocks, and stretch logarithmically from the sky's level to the brightest parts, to 0 to 1."""
+    """Average over blocks, and stretch logarithmically, from the sky level to the brightest parts, to 0 to 1."""
     grey = image.astype(np.float32) if image.ndim == 2 else image[..., :3].astype(np.float32).mean(axis=2)
     block = max(1, grey.shape[1] // most_columns)
     rows, columns = (length // block * block for length in grey.shape)
@@ -86,7 +86,7 @@ def _stretched(image: NDArray[np.generic], most_columns: int) -> NDArray[np.floa
         grey = grey[:rows, :columns].reshape(rows // block, block, columns // block, block).mean(axis=(1, 3))
     low, middle, high = np.percentile(grey, [1, 50, 99.9])
     above = np.clip(grey - low, 0, None)
-    # Twice the distance from the dark to the sky: the sky is dark grey, and faint stars stand out from it.
+    # With twice the distance from dark to sky as the scale, the sky is dark grey, and faint stars stand out from it.
     scale = max(2 * float(middle - low), float(high - low) / 50, 1e-6)
     return np.asarray(np.clip(np.arcsinh(above / scale) / np.arcsinh(max(float(high - low) / scale, 1e-6)), 0, 1))
 
@@ -111,7 +111,7 @@ def _mark_stars(axes: Axes, answer: Answer) -> None:
 
 
 def _brightest(answer: Answer) -> NDArray[np.intp]:
-    """Order the matches by brightness; planets come first."""
+    """Return the matches in order of brightness; planets come first."""
     catalog, ids = load_catalog(), answer.fix.matches[:, 1]
     magnitude = np.full(len(ids), -9.0)
     is_star = np.isin(ids, catalog.star_id)
@@ -120,7 +120,7 @@ def _brightest(answer: Answer) -> NDArray[np.intp]:
 
 
 def _mark_horizon(axes: Axes, answer: Answer) -> None:
-    """Draw the zenith, circles of altitude and the points of the compass, as far as the frame shows them."""
+    """Draw the zenith, circles of altitude and the compass points, as far as they are in the frame."""
     assert answer.R_cam is not None
     for altitude_deg in (0, 30, 60):
         azimuth = np.arange(0, 361, 0.5)
@@ -143,7 +143,7 @@ def _mark_horizon(axes: Axes, answer: Answer) -> None:
 
 
 def _label(axes: Axes, uv: F8, text: str, colour: str = _FRAME) -> None:
-    """Write beside a place in the frame, towards the frame's middle."""
+    """Write text next to a position in the frame, towards the frame's centre."""
     from matplotlib.patheffects import withStroke
 
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()

@@ -1,4 +1,4 @@
-"""Pointing: azimuth, altitude and roll of the boresight, the form of an attitude that people read and write."""
+"""Pointing: azimuth, altitude and roll of the boresight, the human-readable form of an attitude."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.errors import AttitudeError
 
-# Sine of the zenith distance below which azimuth and roll turn about the same axis.
+# Sine of the zenith distance below which azimuth and roll are rotations about the same axis.
 _POLE = 1e-9
 
 
 @dataclass(frozen=True)
 class Pointing:
-    """Where the boresight points, and the turn of the camera about it (docs/conventions.md).
+    """Direction of the boresight, and roll of the camera about it (docs/conventions.md).
 
     Attributes
     ----------
     azimuth_deg : float
-        From north through east.
+        Azimuth, from north through east.
     altitude_deg : float
-        Apparent, -90 to 90.
+        Apparent altitude, -90 to 90.
     roll_deg : float
-        Clockwise turn of the camera as its holder sees it; at 0 the top of the image is towards the zenith.
+        Clockwise rotation of the camera as seen by its holder; at 0 the top of the image is towards the zenith.
 
     Raises
     ------
     AttitudeError
-        When an angle is not finite, or the altitude lies outside -90 to 90 degrees.
+        When an angle is not finite, or the altitude is outside -90 to 90 degrees.
     """
 
     azimuth_deg: float
@@ -63,8 +63,8 @@ class Pointing:
     def of(cls, R_cam: ArrayLike) -> Pointing:
         """Return the pointing of a rotation from east-north-up to the camera, shape (3, 3).
 
-        Azimuth is 0 to 360, roll above -180 to 180. At the zenith and the nadir, where only their sum or difference has a
-        meaning, azimuth is 180: a camera at the zenith with north up has the roll 0.
+        Azimuth is from 0 to 360, and roll above -180 to 180. At the zenith and the nadir, where only their sum or difference
+        is defined, the azimuth is 180: a camera that points at the zenith with north up has a roll of 0.
         """
         right, _, boresight = np.asarray(R_cam, dtype=np.float64)
         horizontal = math.hypot(boresight[0], boresight[1])
@@ -78,5 +78,5 @@ class Pointing:
 
 
 def _half_open(angle_deg: float) -> float:
-    """Return -180 as 180, so that a half turn has one name."""
+    """Return -180 as 180, so that half a turn has a unique value."""
     return 180.0 if angle_deg == -180.0 else angle_deg + 0.0

@@ -1,4 +1,4 @@
-"""The map of a calibration's residuals as a picture: every star, and the means over cells of the frame."""
+"""Plot of a calibration's residuals: every star, and the means over cells of the frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def check_map_path(path: str) -> None:
-    """Raise `ConfigError` where no picture can be written, before any work is done."""
+    """Raise `ConfigError` if no picture can be written to `path`, before any work is done."""
     if Path(path).suffix.lower() not in _SUFFIXES:
         raise ConfigError(f"--map {path}: the name must end in {', '.join(_SUFFIXES)}")
     if not Path(path).resolve().parent.is_dir():
@@ -26,7 +26,7 @@ def check_map_path(path: str) -> None:
 
 
 def draw_residual_map(found: CameraCalibration, path: str) -> None:
-    """Draw residuals over the frame: on the left of each star, on the right the means of cells with their noise."""
+    """Draw residuals over the frame: those of each star on the left, means of cells with their noise on the right."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle

@@ -1,4 +1,4 @@
-"""The option ``--sigma``: how well time, lens and air are known."""
+"""The option ``--sigma``: standard deviations of time, lens and air."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ _FIELDS = {
 def read_sigmas(text: str | None) -> ToldSigmas:
     """Read the option's value, such as ``time=0.5,focal=0.001,centre=1,pressure=2,temperature=2,distortion=0.01``.
 
-    Seconds, a part of the focal length, pixels, hPa, K and k1; what is not named is 0, and None names nothing.
+    The units are seconds, a fraction of the focal length, pixels, hPa, K, and k1. Values that are not named are 0; None names
+    nothing.
 
     Raises
     ------
     ConfigError
-        When a name is unknown or twice there, or a value is no number or out of range.
+        When a name is unknown or repeated, or a value is not a number or out of range.
     """
     values: dict[str, float] = {}
     for part in text.split(",") if text is not None else ():

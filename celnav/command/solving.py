@@ -1,4 +1,4 @@
-"""From the command's arguments to an answer."""
+"""``celnav solve``: from the arguments to an answer."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ if TYPE_CHECKING:
 
 NAMES_NO_STAR = (Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT)
 FEWEST_TO_MIRROR = 12
-"""Detections of which a mirror image is worth a second search."""
+"""Number of detections from which a search of the mirror image is worthwhile."""
 MIRRORED = (
     "the stars are those of a mirrored picture: turn it over, rows from the bottom up (as programs that write FITS files may "
     "have them) or columns from the right"
 )
 
 UNKNOWN = "unknown"
-"""In place of the camera's file: nothing is known of it."""
+"""Value used instead of a camera file if nothing is known of the camera."""
 Mode = Literal["none", "auto", "full"]
-# A lens that nobody has calibrated: equivalent focal lengths are rounded to a millimetre, principal points lie within a
-# per cent of the width from the middle, and lenses that are not very wide distort by a few per cent at the corner.
+# Standard deviations for an uncalibrated lens: equivalent focal lengths are rounded to a millimetre, principal points are
+# within a per cent of the width from the centre, and lenses that are not very wide distort by a few per cent at the corner.
 UNCALIBRATED_FOCAL, UNCALIBRATED_CENTRE, UNCALIBRATED_DISTORTION = 0.05, 0.01, 0.05
 
 
 @dataclass
 class _Clock:
-    """Times the stages of the command."""
+    """Timer for the stages of the command."""
 
     time_ms: dict[str, float] = field(default_factory=dict)
 
@@ -66,7 +66,7 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Lens:
-    """The camera, how it is known, and whether anybody measured it."""
+    """The camera, its source, and whether it has been calibrated."""
 
     camera: Camera
     described: str
@@ -76,12 +76,12 @@ class _Lens:
 
 
 def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
-    """Solve the image that the arguments name.
+    """Solve the image named by the arguments.
 
     Parameters
     ----------
     arguments : Namespace
-        Of `celnav.command.arguments.parser`.
+        Arguments from `celnav.command.arguments.parser`.
     started_s : float
         Value of `time.perf_counter` when the command began.
 
@@ -160,19 +160,20 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
 def _with_hint_of_a_mirror(
     fix: Fix, detections: Detections, camera: Camera, utc: str, time_limit_s: float | None
 ) -> Fix:
-    """Say so where the picture's mirror image is identified.
+    """Add a hint to the message if the mirror image of the picture can be identified.
 
     Parameters
     ----------
     fix : Fix
-        Any answer; all but those that name no star come back as they are.
+        Any answer; those with identified stars are returned unchanged.
     detections : Detections
-        From an image, with its shape.
+        Detections from an image, with its shape.
     camera : Camera
+        The camera.
     utc : str
         Middle of the exposure.
     time_limit_s : float or None
-        Of the search of the mirror image.
+        Time limit for the search of the mirror image.
     """
     if fix.reason not in NAMES_NO_STAR or detections.shape is None or len(detections) < FEWEST_TO_MIRROR:
         return fix
@@ -182,7 +183,7 @@ def _with_hint_of_a_mirror(
         uv=np.column_stack((detections.uv[:, 0], last - detections.uv[:, 1])),
         streak_px=None if detections.streak_px is None else detections.streak_px * [1, -1],
     )
-    # Without a vertical: whatever the attitude of the mirrored camera, its stars have names or none.
+    # Solve without a vertical, since stars can be identified whatever the attitude of the mirrored camera.
     named = solve(turned, replace(camera, cy_px=last - camera.cy_px), utc, None, time_limit_s=time_limit_s)
     return replace(fix, message=f"{fix.message}; {MIRRORED}") if named.reason is Reason.VERTICAL_REQUIRED else fix
 
@@ -203,7 +204,7 @@ def _near(text: str | None, solver: str) -> LastKnown | None:
 
 
 def _nothing_told(arguments: argparse.Namespace, tags: PhotoTags) -> bool:
-    """Whether field and lens are to be found from the stars: on request, or where neither tags nor options tell them."""
+    """Return whether field and lens are to be found from the stars: on request, or if neither tags nor options give them."""
     if arguments.camera is not None:
         return bool(arguments.camera == UNKNOWN)
     told = arguments.focal_length_mm, arguments.sensor_width_mm, tags.focal_length_mm, tags.focal_length_35mm
@@ -211,7 +212,7 @@ def _nothing_told(arguments: argparse.Namespace, tags: PhotoTags) -> bool:
 
 
 def _found_lens(found: FoundCamera) -> tuple[_Lens, Detections]:
-    """Take the camera that the stars have shown, as one that nobody has calibrated, and the stars that showed it."""
+    """Return the camera found from the stars, as an uncalibrated one, and the detections that it was found from."""
     assumed = (
         f"nothing of the camera: field and lens are found from {found.stars} stars ({found.scatter_px:.2f} px), as far out "
         "as they stand",
@@ -220,7 +221,7 @@ def _found_lens(found: FoundCamera) -> tuple[_Lens, Detections]:
 
 
 def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
-    """Take the camera from its file, or from the image's tags and the options."""
+    """Read the camera from its file, or derive it from the image's tags and the options."""
     if arguments.camera is None:
         photo = photo_camera(tags, arguments.focal_length_mm, arguments.sensor_width_mm)
         options = arguments.focal_length_mm is not None or arguments.sensor_width_mm is not None
@@ -233,9 +234,9 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
 
 
 def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | Solver:
-    """Return the solver, with as much of the camera left free as is unknown: nothing where it was fitted to the same stars.
+    """Return the solver, which leaves free what is unknown of the camera: nothing if it was fitted to the same stars.
 
-    With a vertical, refraction is taken off the stars, and must leave the lens that it went into.
+    With a vertical, refraction is removed from the stars, so the fitted lens, which had absorbed it, must be free to change.
     """
     if arguments.solver != "skybench":
         if arguments.calibrate is not None:
@@ -249,7 +250,7 @@ def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | S
 
 
 def _of_attitude(text: str, attitude: Attitude | None, tags: PhotoTags) -> list[str]:
-    """Say what is taken for granted of the attitude."""
+    """Describe the assumptions about the attitude."""
     sentences = []
     if attitude is not None and text.lstrip().startswith("exif"):
         sentences.append(

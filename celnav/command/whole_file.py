@@ -1,4 +1,4 @@
-"""Files that the commands write: whole, or not at all."""
+"""Writing of output files, either completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ def write_whole(path: str | Path, content: str | bytes, option: str) -> None:
     Parameters
     ----------
     path : str or Path
+        File to write.
     content : str or bytes
-        Text is written as UTF-8.
+        Content; text is written as UTF-8.
     option : str
-        Of the command, which names the file: ``--out``.
+        Option of the command that names the file, such as ``--out``, for messages.
 
     Raises
     ------
     ConfigError
-        When it cannot be written; nothing is left behind then.
+        When the file cannot be written; nothing is left behind then.
     """
     target = Path(path)
     try:

@@ -1,4 +1,4 @@
-"""What a camera or a program painted around the sky in one value: a border, a bar, the outside of an image circle."""
+"""Areas of constant value around the sky: a border, a bar, or the outside of an image circle."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _BLOCK_PX = 8
-# Tiles without any painted pixel have to be so large a part of the frame, and noisy: a dark sky without noise is no border.
+# Least fraction of the frame in tiles without constant areas, which must be noisy: a dark sky without noise is not a border.
 _LEAST_SKY = 0.1
 
 
 def blank_border(pixels: F4, tiles: Tiles) -> Mask | None:
-    """Find areas of one value that touch the frame's border; None where there are none.
+    """Find areas of one value that touch the frame's border; None if there are none.
 
-    Stars cannot be in them, and they are no sky whose level or noise could be measured. In a sky so dark that its pixels
-    hold one value all the same, nothing is taken for a border.
+    They cannot contain stars, nor sky whose level or noise could be measured. If the sky is so dark that its pixels have a
+    single value too, nothing is taken for a border.
 
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
         The image.
     tiles : Tiles
-        Of the image.
+        Tiles of the image.
     """
     from scipy import ndimage
 

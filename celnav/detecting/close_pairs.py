@@ -1,4 +1,4 @@
-"""Pairs of places that are near each other."""
+"""Pairs of positions that are close to each other."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 F8 = NDArray[np.float64]
 
-# Where a place has fewer others in the columns within the radius, these are measured in less time than a tree is built.
+# If a position has fewer others than this in the columns within the radius, measuring them is faster than building a tree.
 _FEW = 12
 
 
 def close_pairs(uv: F8, radius_px: float) -> NDArray[np.intp]:
-    """Return the pairs of places, shape (n, 2), that are no farther apart than a radius: rows in ascending order, (p, 2)."""
+    """Return the pairs of positions, shape (n, 2), within a radius of each other: rows in ascending order, shape (p, 2)."""
     order = uv[:, 0].argsort()
     u = uv[:, 0].take(order)
     after = np.arange(1, len(u) + 1)

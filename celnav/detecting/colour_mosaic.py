@@ -1,7 +1,8 @@
-"""The pattern that a coloured sky leaves in the mosaic of a colour sensor: every second pixel of every second row is alike.
+"""Removal of the pattern that a coloured sky leaves in the mosaic of a colour sensor, with a period of two pixels.
 
-A raw frame of such a sensor under a town's sky alternates by more than its noise, which hides stars and passes for noise. The
-four sets of pixels are brought to one level, tile by tile; a frame whose sets do not differ is left as it is.
+In a raw frame of such a sensor under the sky of a town, neighbouring pixels differ by more than the noise; this hides stars
+and is mistaken for noise. The four sets of pixels are brought to the same level, tile by tile. A frame whose sets do not
+differ is left unchanged.
 """
 
 from __future__ import annotations
@@ -20,33 +21,33 @@ F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _SETS = ((0, 0), (0, 1), (1, 0), (1, 1))
-# A difference counts beyond so many standard deviations of chance, and beyond this part of a pixel's noise.
+# A difference is significant beyond this many standard deviations and this fraction of a pixel's noise.
 _SIGMAS, _LEAST_PART = 8.0, 0.1
 _CLIP = np.float32(3.0)
 _LEAST_SIDE_PX = 64
 _ENOUGH_TILES = 80
-# A tile is known where so many of its samples count, of each set: a learnt mask has hot pixels all over the frame.
+# Least number of usable samples of each set in a tile: a learnt mask contains hot pixels all over the frame.
 _FEWEST = SAMPLES**2 // 2
 
 
 def level_mosaic(pixels: F4, used: Mask, tile_px: int, step: float) -> F4:
-    """Take the mosaic's pattern off an image; the image itself where there is none.
+    """Remove the mosaic pattern from an image; an image without one is returned unchanged.
 
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
         Brightness.
     used : ndarray of bool, shape (height, width)
-        Pixels that count.
+        Pixels to use.
     tile_px : int
         Side of the tiles, in pixels of one set.
     step : float
-        Least deviation that is never clipped: the step of an integer image, whose noise may be less.
+        Deviation up to which nothing is clipped: the step of an integer image, whose noise may be smaller.
     """
     if min(pixels.shape) < _LEAST_SIDE_PX:
         return pixels
     size = pixels.shape[0] // 2, pixels.shape[1] // 2
-    # As many tiles as tell whether there is a pattern.
+    # Just enough tiles to decide whether there is a pattern.
     coarse = Tiles.of(size, max(tile_px, math.isqrt(size[0] * size[1] // _ENOUGH_TILES)))
     some = _differences(pixels, used, coarse, step)
     if not some.known.any():
@@ -70,7 +71,7 @@ def level_mosaic(pixels: F4, used: Mask, tile_px: int, step: float) -> F4:
 
 @dataclass(frozen=True, eq=False)
 class _Differences:
-    """Levels of the four sets of pixels over their mean, shape (4, tiles); which tiles count; and the noise of a pixel."""
+    """Levels of the four pixel sets relative to their mean, shape (4, tiles); the usable tiles; and the pixel noise."""
 
     values: F8
     known: Mask

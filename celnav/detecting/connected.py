@@ -1,4 +1,4 @@
-"""Connected pixels of a list of pixels: the image itself, of which they are a small part, is not gone through."""
+"""Connected components of a list of pixels, without a pass over the image, of which they are a small part."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ Rows = NDArray[np.intp]
 
 
 def connected(at: Rows, width: int) -> tuple[NDArray[np.int32], int]:
-    """Number the components of pixels that touch at their sides or corners.
+    """Label the connected components of pixels that touch at their sides or corners.
 
     Parameters
     ----------
     at : ndarray of int, shape (n,)
         Pixels as indices of the flattened image, in order.
     width : int
-        Of the image.
+        Width of the image.
 
     Returns
     -------
     label : ndarray of int32, shape (n,)
-        Component of each pixel, from 1 on, in the order of their first pixels.
+        Component of each pixel, numbered from 1 in the order of their first pixels.
     number : int
-        Components.
+        Number of components.
     """
     if not len(at):
         return np.zeros(0, dtype=np.int32), 0
@@ -34,7 +34,7 @@ def connected(at: Rows, width: int) -> tuple[NDArray[np.int32], int]:
     begins |= at == row * width
     start = begins.nonzero()[0]
     first, last = at.take(start), at.take(np.append(start[1:], len(at)) - 1)
-    # Runs of the next row that touch each run.
+    # Find the runs of the next row that touch each run.
     next_row = (row.take(start) + 1) * width
     low = _number_below(np.maximum(first + (width - 1), next_row), last)
     high = _number_below(np.minimum(last + (width + 2), next_row + width), first)
@@ -49,19 +49,19 @@ def connected(at: Rows, width: int) -> tuple[NDArray[np.int32], int]:
 
 
 def _number_below(limits: Rows, values: Rows) -> Rows:
-    """How many of some ascending values are less than each of some ascending limits, shape (limits,).
+    """Return how many of some ascending values are less than each of some ascending limits, shape (limits,).
 
-    A stable sort merges the two lists, which takes half of the time of a binary search for each.
+    A stable sort merges the two lists, in half of the time of a binary search for each.
     """
     order = np.concatenate((limits, values)).argsort(kind="stable")
     return (order < len(limits)).nonzero()[0] - np.arange(len(limits))
 
 
 def _earliest(n: int, above: Rows, below: Rows) -> Rows:
-    """Of `n` runs of which those in `above` touch those in `below`: the first run that each is connected with, shape (n,)."""
+    """Return the first run that each of `n` runs is connected with, shape (n,), if runs in `above` touch those in `below`."""
     root = np.arange(n)
     while len(above):
-        # Every root is joined to an earlier one; where it touches several, the others wait for the next round.
+        # Every root is joined to an earlier one; if it touches several, the others wait for the next round.
         root[below] = above
         further = root.take(root)
         while not np.array_equal(further, root):

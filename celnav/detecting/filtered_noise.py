@@ -1,7 +1,8 @@
-"""The noise under the matched filter as it is: correlated by video or compression, and the texture of what is not sky.
+"""The actual noise under the matched filter, which includes correlations from video or compression, and texture of non-sky.
 
-The scatter of the filtered image itself is measured, tile by tile, on both sides of its median. Noise and texture are on
-both; faint stars are above alone, the hollows that the filter leaves around bright ones below alone: the smaller side counts.
+The scatter of the filtered image itself is measured, tile by tile, on both sides of its median. Noise and texture appear on
+both sides; faint stars only above, and the hollows that the filter leaves around bright stars only below. The smaller side
+therefore counts.
 """
 
 from __future__ import annotations
@@ -17,29 +18,29 @@ from celnav.detecting.tiles import TileMap, Tiles, smooth
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-# Clipped at three standard deviations a normal distribution keeps this part of its own.
+# Standard deviation of a normal distribution after clipping at three standard deviations, as a fraction of its own.
 _CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
-# A single tile counts by itself where it exceeds its neighbours' median by this factor, three sigma of the estimate.
+# A single tile counts on its own if it exceeds the median of its neighbours by this factor, three sigma of the estimate.
 _OWN = 1.4
-# Variance, over that of white noise, that the hollows around stars add where one of 50 sigma stands in every 24 x 24 pixels.
+# Variance, relative to white noise, that the hollows around stars add if every 24 x 24 pixels contain a star of 50 sigma.
 _HOLLOWS = np.float32(0.25)
 _LEAST_NOISE = np.float32(1e-30)
 
 
 def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -> TileMap:
-    """How much more the filtered image scatters than white noise would, at least 1.
+    """Return the factor by which the filtered image scatters more than white noise would, at least 1.
 
     Parameters
     ----------
     filtered : Filtered
         The image under the matched filter.
     noise : NoiseMap
-        Standard deviation of its pixels, by the differences of neighbours. Where it is the least that is assumed, there is
-        none to be measured.
+        Standard deviation of its pixels, from the differences of neighbours. Where it equals the assumed minimum, there is
+        no noise to measure.
     used : ndarray of bool, shape (height, width)
-        Pixels that count.
+        Pixels to use.
     tiles : Tiles
-        Where it is measured.
+        Tiles in which the scatter is measured.
     """
     relative = tiles.spread_samples(filtered.amplitude)
     white = tiles.spread_samples_of(noise)
@@ -63,14 +64,14 @@ def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -
 
 
 def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> F4:
-    """Standard deviations of normal distributions by their upper and lower sides, as two grids of tiles.
+    """Return standard deviations of normal distributions, estimated from the upper and the lower sides, as grids of tiles.
 
     Parameters
     ----------
     ordered : ndarray, shape (tiles, samples)
-        Samples in rising order; what does not count is infinite.
+        Samples in ascending order; unused ones are infinite.
     number : ndarray of int, shape (tiles,)
-        Samples that count.
+        Number of used samples.
     """
     row = np.arange(len(ordered))
     middle = ordered[row, np.minimum(number // 2, ordered.shape[1] - 1)]
@@ -86,7 +87,7 @@ def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> F4:
         -deviation[row, np.maximum(below - 1 - below // 2, 0)],
     )
     spreads = []
-    # Where all samples count, the middle one parts the two sides.
+    # If all samples are used, the middle one separates the two sides.
     half = ordered.shape[1] // 2 if whole else None
     sides = (
         (deviation[:, half:], above, typical[0]),

@@ -1,8 +1,8 @@
-"""FITS images, plain or compressed (gzip, bzip2, tiles), read within bounds; and what their header says.
+"""Reading of FITS images, plain or compressed (gzip, bzip2, tiles), within size limits, with the metadata of the header.
 
-Source: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for time, `celnav.sky.fits_times`; for the word ROWORDER, which cameras'
-programs write, https://free-astro.org/index.php?title=Siril:FITS_orientation. Without that word rows are taken in the order
-of the file, which most programs write from the top down.
+Sources: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for times, `celnav.sky.fits_times`; for the keyword ROWORDER, which
+camera programs write, https://free-astro.org/index.php?title=Siril:FITS_orientation. Without that keyword, rows are taken in
+the order of the file, which most programs write from the top down.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _CHUNK = 1 << 20
 _STARTS = (b"SIMPLE", b"BZh", b"\x1f\x8b")
 _MOST_WORDS = 2000
 _MOST_UNITS = 64
-# A camera of 100 million pixels has some ten thousand rows, each a tile, in three colours.
+# A camera of 100 million pixels has some ten thousand rows in three colours, each of which may be a tile.
 _MOST_TILES = 200_000
 _LARGEST_PIXEL_BYTES = 8
 _GZIP_BESIDE = "GZIP_COMPRESSED_DATA"
 _BYTES_OF = {"B": 1, "I": 2, "J": 4}
-# The mean of a block of video frames, as the Global Meteor Network's stations write it.
+# Name of the mean of a block of video frames in files of the Global Meteor Network's stations.
 _MEAN_OF_BLOCK = "AVEPIXEL"
 _ROWS_UPWARDS = "BOTTOM-UP"
 
@@ -47,11 +47,11 @@ class FitsImage:
     Attributes
     ----------
     pixels : ndarray, shape (height, width) or (height, width, 3)
-        Values; NaN where it has none. The first row is the top one where the header says which is.
+        Values; NaN for pixels without one. The first row is the top one if the header says which row is on top.
     exposure : ExposureInHeader
-        When it was taken, where the header says it.
+        Time and duration of the exposure, as far as the header gives them.
     header : mapping
-        Words and their values (str, int, float): the image's, and of the file's first unit what the image's does not have.
+        Keywords and their values (str, int, float): those of the image, and those that only the file's first unit has.
     """
 
     pixels: NDArray[np.generic]
@@ -60,7 +60,7 @@ class FitsImage:
 
 
 def is_fits(path: str | Path) -> bool:
-    """Tell from a file's first bytes and its name whether it may hold a FITS image."""
+    """Return whether a file may hold a FITS image, judging from its first bytes and its name."""
     try:
         with Path(path).open("rb") as file:
             start = file.read(6)
@@ -70,12 +70,13 @@ def is_fits(path: str | Path) -> bool:
 
 
 def read_fits(path: str | Path) -> FitsImage:
-    """Read the first image of a FITS file; of a meteor station's block, its mean.
+    """Read the first image of a FITS file; for the block of a meteor station, read its mean image.
 
     Raises
     ------
     ImageError
-        When the file cannot be read, holds no image of two axes or of three colours, or more than a hundred million pixels.
+        When the file cannot be read, holds no image with two axes or in three colours, or has more than a hundred million
+        pixels.
     """
     from astropy.io import fits
 
@@ -108,7 +109,7 @@ def read_fits(path: str | Path) -> FitsImage:
 
 
 def _image_unit(units: Any, path: str | Path) -> tuple[Any, tuple[int, ...]]:
-    """Choose the unit that is read; with its axes as numpy counts them, those of one pixel left out."""
+    """Choose the unit to read; also return its axes in numpy's order, without those of length one."""
     chosen = None
     for number in range(_MOST_UNITS):
         try:
@@ -129,7 +130,7 @@ def _image_unit(units: Any, path: str | Path) -> tuple[Any, tuple[int, ...]]:
 
 
 def _axes(unit: Any) -> tuple[int, ...] | None:
-    """Sides of a unit's image, or of its image in three colours; None of what is neither."""
+    """Return the sides of a unit's image, in one or three colours; None if it has no such image."""
     if str(unit.header.get("XTENSION", "IMAGE")).strip() != "IMAGE":
         return None
     number = int(unit.header.get("NAXIS", 0))
@@ -141,12 +142,12 @@ def _axes(unit: Any) -> tuple[int, ...] | None:
 
 
 def unpacked_bytes(path: str | Path) -> bytes:
-    """Return a file's bytes, unpacked where it is compressed by gzip or bzip2.
+    """Return a file's bytes, unpacked if it is compressed by gzip or bzip2.
 
     Raises
     ------
     ImageError
-        When it cannot be read, is damaged, or holds more than `MAX_BYTES`.
+        When the file cannot be read, is damaged, or holds more than `MAX_BYTES`.
     """
     path = Path(path)
     try:
@@ -207,7 +208,7 @@ def _bounded(data: bytes, path: Path) -> bytes:
 
 
 def _words(header: Any) -> dict[str, object]:
-    """Return the texts and numbers of a header; those that cannot be parsed count as absent."""
+    """Return the texts and numbers of a header; those that cannot be parsed are left out."""
     from astropy.io.fits.verify import VerifyError
 
     words: dict[str, object] = {}
@@ -222,10 +223,10 @@ def _words(header: Any) -> dict[str, object]:
 
 
 def _check_tiles(data: bytes, name: object) -> None:
-    """Refuse a file with a compressed image whose tiles are not of the size that its header gives them.
+    """Refuse a file with a compressed image whose tiles do not have the size that its header states.
 
-    Of the algorithms (FITS 4.0, 10.4) GZIP alone writes as much as its stream says: a tile of a kilobyte can unpack to
-    gigabytes. Tiles of the others may be GZIP where their numbers cannot be made whole.
+    Of the compression algorithms (FITS 4.0, 10.4), only GZIP writes as much as its stream demands, so a tile of a kilobyte
+    can unpack to gigabytes. With the other algorithms, tiles may be stored as GZIP if their values cannot be quantised.
     """
     from astropy.io import fits
 
@@ -240,10 +241,10 @@ def _check_tiles(data: bytes, name: object) -> None:
 
 
 def _check_table(data: bytes, unit: Any, name: object) -> None:
-    """Judge a table of tiles."""
+    """Check a table of tiles."""
     header = unit.header
     sides = [int(header[f"ZNAXIS{axis}"]) for axis in range(1, int(header["ZNAXIS"]) + 1)]
-    # Tiles are rows of the image unless the header says otherwise.
+    # By default, the tiles are rows of the image.
     tile = [int(header.get(f"ZTILE{axis + 1}", side if axis == 0 else 1)) for axis, side in enumerate(sides)]
     if min((*sides, *tile), default=0) < 1:
         raise ImageError(f"image {name} has compressed tiles without a size")
@@ -268,7 +269,7 @@ def _check_table(data: bytes, unit: Any, name: object) -> None:
 
 
 def _cells(data: bytes, unit: Any, column: Any, count: int, name: object) -> Iterator[memoryview]:
-    """The streams of a column of the first `count` tiles, where they lie in the file."""
+    """Yield the streams of a column for the first `count` tiles, as views of the file."""
     header: Mapping[str, Any] = unit.header
     start, rows = unit.fileinfo()["datLoc"], int(header["NAXIS2"])
     kind = unit.columns.dtype.newbyteorder(">")

@@ -17,20 +17,20 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FloodFillConfig:
-    """Choices of the flood fill.
+    """Configuration of the flood fill.
 
     Attributes
     ----------
     seed_sigma : float
-        A star holds a pixel this many noise standard deviations above the background.
+        Threshold: a star has a pixel this many noise standard deviations above the background.
     grow_sigma : float
-        The flood fill then takes neighbouring pixels above this many.
+        Threshold above which the flood fill adds neighbouring pixels.
     min_area_px, max_area_px : int
-        Limits of a component's area: below are hot pixels, above are the Moon, clouds and lamps.
+        Limits of a component's area: smaller ones are hot pixels; larger ones are the Moon, clouds and lamps.
     tile_px : int
-        Side of the tiles that make background and noise.
+        Side of the tiles in which background and noise are estimated.
     weighted : bool
-        Weight the centroid by brightness; otherwise the middle of the component's pixels.
+        Whether the centroid is weighted by brightness; otherwise it is the mean position of the component's pixels.
     """
 
     seed_sigma: float = 5.0
@@ -63,7 +63,7 @@ def flood_fill(image: ArrayLike, mask: ArrayLike | None, config: FloodFillConfig
     background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles))
     light = pixels - background
     light[~used] = 0.0
-    # Of noise-free images the noise is zero: one step of integers, and what rounding leaves of other numbers.
+    # In noise-free images the noise is zero; the floor is one step for integers, and the rounding error for other numbers.
     whole = np.issubdtype(original.dtype, np.integer)
     floor = 1.0 if whole else max(1e-4 * float(light.max()), 4e-6 * float(np.abs(pixels).max()))
     if light.max() <= 0:

@@ -1,6 +1,6 @@
-"""HEIF pictures, as telephones store them, through the optional package pillow-heif (libheif).
+"""Reading of HEIF pictures, as stored by telephones, with the optional package pillow-heif (libheif).
 
-The container says how the picture is to be turned, and the decoder obeys: pixels are upright, unlike those of a JPEG.
+The container states how to rotate the picture, and the decoder does so; unlike with JPEG, pixels are therefore upright.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MAX_BYTES = 200_000_000
 _FAMILY = b"ftyp"
 _BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs", b"mif1", b"msf1"}
 _CHANNELS = {"L": 1, "LA": 1, "I;16": 1, "RGB": 3, "RGBA": 3, "RGB;16": 3, "RGBA;16": 3}
-"""Channels that are used, by pillow-heif's modes."""
+"""Number of channels to use, by pillow-heif mode."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class HeifFile:
     Attributes
     ----------
     width, height : int
-        As decoded, pixels.
+        Size after decoding, pixels.
     tags : bytes
-        EXIF, empty where there is none.
+        EXIF data; empty if there is none.
     file : object
-        Of pillow-heif.
+        File object of pillow-heif.
     """
 
     width: int
@@ -42,7 +42,7 @@ class HeifFile:
 
 
 def is_heif(path: str | Path) -> bool:
-    """Whether a file begins as HEIF does (ISO/IEC 23008-12); False where it cannot be read."""
+    """Return whether a file starts like HEIF (ISO/IEC 23008-12); False if it cannot be read."""
     try:
         with Path(path).open("rb") as stream:
             start = stream.read(12)
@@ -52,12 +52,12 @@ def is_heif(path: str | Path) -> bool:
 
 
 def open_heif(path: str | Path) -> HeifFile:
-    """Open a picture; nothing is decoded.
+    """Open a picture without decoding it.
 
     Raises
     ------
     ImageError
-        It is damaged, or larger than 200 MB; or pillow-heif is missing.
+        When the file is damaged or larger than 200 MB, or pillow-heif is missing.
     """
     try:
         import pillow_heif
@@ -79,7 +79,7 @@ def open_heif(path: str | Path) -> HeifFile:
 
 
 def decode(found: HeifFile, path: str | Path) -> NDArray[np.generic]:
-    """Pixels of 8 or 16 bits, (height, width) or (height, width, 3), without transparency. Raises ImageError."""
+    """Decode pixels of 8 or 16 bits, (height, width) or (height, width, 3), without transparency; may raise ImageError."""
     channels = _CHANNELS.get(found.file.mode)
     if channels is None:
         raise ImageError(f"image {path} has the pixel format {found.file.mode}; save it as grey or RGB PNG")

@@ -1,4 +1,4 @@
-"""The image under the stars: grey levels, background and noise maps, offsets of rows and columns, defective pixels."""
+"""Preparation of the image: grey levels, background and noise maps, offsets of rows and columns, defective pixels."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 LARGEST_VALUE = 1e15
 
-# Noise of less than a step is nothing in one place and half a step where the sky is between two values. That is so much
-# of a difference by one step over the root of two.
+# Noise below one step appears as zero in some places, and as half a step where the sky is between two values. Half a step is
+# this fraction of a difference of one step over the root of two.
 _ROUNDED = np.float32(0.7)
-# A row or column is known from so many of the pixels sampled in it.
+# Least number of sampled pixels for the offset of a row or column.
 _FEWEST_OF_LINE = 12
-# A star of 0.5 px, the sharpest that a lens makes, puts this part of its middle pixel into the four beside it, at least.
+# Least mean of the four neighbours of a star's central pixel, as a fraction of its value, for a star of 0.5 px, the sharpest
+# that a lens makes.
 _SHARPEST = 0.12
 # Pixels this many standard deviations from the background may be defects.
 OUTSTANDING = 5.0
 
 
 def as_image(image: ArrayLike) -> NDArray[np.generic]:
-    """Return an image as an array of the type that it has.
+    """Return an image as an array of its own type.
 
     Raises `ImageError` for rows of different lengths, and for masked entries, which have no value (`unmasked`).
     """
@@ -42,18 +43,19 @@ def as_image(image: ArrayLike) -> NDArray[np.generic]:
 
 
 def unmasked(image: ArrayLike, mask: ArrayLike | None) -> tuple[ArrayLike, ArrayLike | None]:
-    """Put the masked entries of an image of `numpy.ma` into the mask.
+    """Move the masked entries of a `numpy.ma` image into the mask.
 
     Parameters
     ----------
     image : array_like, shape (height, width) or (height, width, channels)
+        The image.
     mask : array_like of bool, shape (height, width), optional
         True where the image is not used.
 
     Returns
     -------
     image, mask
-        As they were of any other image. A masked entry that is NaN or infinite has the median of the others.
+        Unchanged for an image without masked entries. A masked entry that is NaN or infinite gets the median of the others.
     """
     if not np.ma.is_masked(image):
         return image, mask
@@ -70,13 +72,13 @@ def unmasked(image: ArrayLike, mask: ArrayLike | None) -> tuple[ArrayLike, Array
 
 
 def grey(image: NDArray[np.generic]) -> F4:
-    """Return an image as one channel of float32; colours are averaged with the weights of Rec. 601.
+    """Return an image as one channel of float32; colours are averaged with Rec. 601 weights.
 
-    Raises `ImageError` for a wrong shape or type, NaN, infinity, and values whose squares single precision cannot hold.
+    Raises `ImageError` for a wrong shape or type, NaN, infinity, and values whose squares exceed single precision.
     """
     if image.dtype == np.bool_ or not np.issubdtype(image.dtype, np.number) or np.iscomplexobj(image):
         raise ImageError(f"image must hold real numbers, not {image.dtype}")
-    # Whole numbers of 16 bits are within the bounds, numbers of 16 bits with a point may be none.
+    # 16-bit integers are always within the bounds; 16-bit floats may be NaN or infinite.
     unbounded = image.dtype.itemsize > 2 or np.issubdtype(image.dtype, np.floating)
     if unbounded and image.size and not (float(image.min()) >= -LARGEST_VALUE and float(image.max()) <= LARGEST_VALUE):
         raise ImageError(
@@ -85,7 +87,7 @@ def grey(image: NDArray[np.generic]) -> F4:
     if image.ndim == 3 and image.shape[2] in (3, 4):
         values = image[:, :, :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
     elif image.ndim == 2:
-        # In the order of rows, whatever way the image was turned: single pixels are reached by their numbers.
+        # Row-major order, however the image was rotated, because single pixels are addressed by their flat indices.
         values = image.astype(np.float32, order="C")
     else:
         raise ImageError(f"image has shape {image.shape}; it must be (height, width) or (height, width, 3 or 4)")
@@ -95,7 +97,7 @@ def grey(image: NDArray[np.generic]) -> F4:
 
 
 def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
-    """Return where an image is to be used; raises `ImageError` for a mask that does not fit."""
+    """Return where an image is to be used; raise `ImageError` for a mask that does not fit it."""
     if mask is None:
         return np.broadcast_to(np.True_, pixels.shape)
     ignored = as_image(mask)
@@ -105,9 +107,9 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
 
 
 def step_of(pixels: F4) -> float:
-    """Step between the values of an image that has few: next to nothing of any other.
+    """Return the step between the values of an image that has few distinct ones; for any other image, almost zero.
 
-    The fiftieth part of the differences between pixels and the second ones beside them, of those that are not zero.
+    This is the second percentile of the nonzero differences between pixels and their second neighbours.
     """
     apart = np.abs(pixels[::7, 2::11] - pixels[::7, :-2:11])
     apart = np.sort(apart[apart > 0])
@@ -117,10 +119,10 @@ def step_of(pixels: F4) -> float:
 def background_and_noise(pixels: F4, used: Mask, tiles: Tiles, step: float = 0.0) -> tuple[TileMap, TileMap]:
     """Estimate background and noise.
 
-    Clipped means of tiles, and standard deviations of the differences between neighbouring pixels along rows and columns,
-    smoothed by a 3x3 median and interpolated bilinearly. Unused pixels do not count; a tile without used ones takes the
-    nearest other's. Deviations of one step of an image that has few values are never clipped, and its noise is half a step
-    at least; `step` is that of the whole image (`step_of`), zero leaves it out.
+    They are clipped means of tiles, and standard deviations of the differences between neighbouring pixels along rows and
+    columns, smoothed by a 3x3 median and interpolated bilinearly. Unused pixels do not count; a tile without used pixels
+    takes the values of the nearest other tile. In an image with few distinct values, deviations of one step are never
+    clipped, and the noise is at least half a step; `step` is that of the whole image (`step_of`), and zero disables this.
     """
     samples = tiles.pairs(pixels)
     counted = None if all_true(used) else tiles.pairs(used)
@@ -143,14 +145,14 @@ def background_and_noise(pixels: F4, used: Mask, tiles: Tiles, step: float = 0.0
 
 
 def typical(values: PixelMap, used: Mask) -> float:
-    """Median of a map over some of its used pixels, of which there is one at least."""
+    """Return the median of a map over a sample of its used pixels, of which there is at least one."""
     rows, columns = (np.arange(0, side, 16) for side in used.shape)
     some = values.mesh(rows, columns)[used[::16, ::16]]
     return float(np.median(some if len(some) else values.at(*np.nonzero(used))))
 
 
 def take_off(pixels: F4, background: TileMap, used: Mask) -> float:
-    """Subtract the background in place; unused pixels become zero. Returns the highest value that remains."""
+    """Subtract the background in place, set unused pixels to zero, and return the highest remaining value."""
     highest, whole = -np.inf, all_true(used)
     for top, bottom in strips(*pixels.shape):
         strip = pixels[top:bottom]
@@ -162,16 +164,16 @@ def take_off(pixels: F4, background: TileMap, used: Mask) -> float:
 
 
 def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
-    """Take off what rows and columns have in common, where that is more than chance leaves.
+    """Subtract common offsets of rows and columns if they are larger than by chance.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     usual : float
         Typical standard deviation of its pixels.
     used : ndarray of bool, shape (height, width)
-        Pixels that count. The light of the others is zero.
+        Pixels to use. The light of the others is zero.
     """
     whole = all_true(used)
     for axis in (1, 0):
@@ -185,8 +187,8 @@ def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
             continue
         few = np.clip(few, -3 * usual, 3 * usual)
         means, squares = ((each.sum(axis=1) / np.maximum(number, 1))[known] for each in (few, few * few))
-        # Of neighbouring lines, each by its own scatter: what stars and clouds change, changes slowly. Correlated noise
-        # scatters by more than its neighbours differ.
+        # Compare neighbouring lines, each in units of its own scatter: the effects of stars and clouds change slowly from
+        # line to line. Correlated noise scatters by more than its neighbours differ.
         scatter = np.sqrt(np.maximum(squares - means**2, usual**2) / number[known])
         change = np.diff(means) / np.hypot(scatter[1:], scatter[:-1])
         if 1.4826 * float(np.median(np.abs(change))) > 1.4:
@@ -203,16 +205,16 @@ def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
 
 @dataclass(frozen=True, eq=False)
 class Outstanding:
-    """Pixels that differ much from the background, those at the border left out.
+    """Pixels that differ strongly from the background, excluding those at the border.
 
     Attributes
     ----------
     at : ndarray of int, shape (n,)
-        The pixels as indices of the flattened image, in order.
+        Flat indices of the pixels, in ascending order.
     value, beside : ndarray, shape (n,)
-        Light of each, and the mean of the four beside it.
+        Light of each pixel, and the mean of its four neighbours.
     sigma : ndarray, shape (n,)
-        Standard deviation of each.
+        Standard deviation of each pixel.
     """
 
     at: NDArray[np.intp]
@@ -236,22 +238,22 @@ def outstanding(light: F4, noise: NoiseMap) -> Outstanding:
 
 
 def repair_defects(light: F4, far: Outstanding) -> Outstanding:
-    """Replace, in place, single pixels that no optics could make (hot, dead) by the mean of the four beside them.
+    """Replace, in place, single pixels that no optics could produce (hot, dead) by the mean of their four neighbours.
 
-    A pixel is hot where its neighbours hold less light than those of the sharpest star would, dead where it is far
-    below neighbours that are not.
+    A pixel is hot if its neighbours have less light than those of the sharpest star would, and dead if it is far below
+    neighbours that are not.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     far : Outstanding
         Pixels that may be defects.
 
     Returns
     -------
     Outstanding
-        With the light that they have now.
+        The pixels with their new light.
     """
     hot = (far.value > 0) & (far.beside < np.float32(_SHARPEST) * far.value + np.float32(0.5) * far.sigma)
     dead = (far.value < 0) & (far.beside > np.float32(0.4) * far.value)

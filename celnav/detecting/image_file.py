@@ -1,4 +1,4 @@
-"""Reading image files, strictly: one that is damaged or absurdly large is refused; and which of their pixels are used."""
+"""Strict reading of image files, which refuses damaged or absurdly large ones, and of masks of their pixels."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ if TYPE_CHECKING:
 
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.generic]
-# A hundred million pixels: beyond any night-sky camera, and less than 1 GB while it is worked on.
+# A hundred million pixels are more than any night-sky camera has, and take less than 1 GB during processing.
 MAX_PIXELS = 100_000_000
-# Samples of a pixel by a PNG's type of colour, of those with more than one.
+# Samples per pixel for the PNG colour types that have more than one.
 _PNG_SAMPLES = {2: 3, 4: 2, 6: 4}
 _TIFF_BITS, _TIFF_ORIENTATION, _TIFF_SAMPLES, _TIFF_PLANES = 258, 274, 277, 284
-# A file is no larger than so many times its pixels, and so many bytes of tags and profiles.
+# Largest accepted file size: this multiple of the size of its pixels, plus this many bytes of tags and profiles.
 _MOST_OVERHEAD, _MOST_TAGS = 2, 64_000_000
-# Progressive pictures have some ten; each scan of coefficients in its own bits makes less than a hundred.
+# Largest number of scans in a JPEG. Progressive pictures have some ten; even one scan per coefficient bit gives fewer than
+# a hundred.
 _MOST_SCANS = 100
-# In the data of a scan, 0xFF is followed by zero or a restart; else it begins a marker (ITU-T T.81, B.1.1).
+# In the data of a scan, 0xFF is followed by zero or a restart code; otherwise it starts a marker (ITU-T T.81, B.1.1).
 _MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"}
@@ -40,12 +41,12 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     Parameters
     ----------
     path : str or Path
-        File.
+        The file.
 
     Returns
     -------
     ndarray, shape (height, width) or (height, width, 3)
-        Values as in the file. Transparency is left out; grey with transparency of 16 bits is (height, width).
+        Values as in the file, without transparency; 16-bit grey with transparency has the shape (height, width).
 
     Raises
     ------
@@ -92,18 +93,18 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the samples of a picture of 16 bits in colours lie, of which Pillow would keep 8 bits.
+    """Layout of the samples in a 16-bit colour picture, of which Pillow would keep only 8 bits.
 
     Attributes
     ----------
     kind : str
         ``PNG`` or ``TIFF``.
     shape : tuple of int
-        Of the array that the file holds.
+        Shape of the array in the file.
     planes : bool
-        Whether colours are planes, one after the other.
+        Whether colours are stored as planes, one after the other.
     orientation : int
-        Of TIFF 6.0, tag 274: which edges of the picture the first row and column of the file are.
+        Tag 274 of TIFF 6.0: which edges of the picture the first row and column of the file are.
     """
 
     kind: str
@@ -113,14 +114,14 @@ class _Layout:
 
 
 def _deep_colours(image: Image, path: str | Path) -> _Layout | None:
-    """Say how 16-bit colours lie in a PNG (its header, W3C PNG 11.2.1) or TIFF that is open; None of any other picture."""
+    """Return the layout of 16-bit colours in an open PNG (its header, W3C PNG 11.2.1) or TIFF; None for other pictures."""
     if image.format == "PNG":
         with Path(path).open("rb") as stream:
             header = stream.read(26)
         samples = _PNG_SAMPLES.get(header[25]) if header[24] == 16 else None
         if samples is None:
             return None
-        # Where one colour stands for transparency, libpng writes the transparency out.
+        # If one colour stands for transparency, libpng adds a transparency channel.
         samples = 4 if "transparency" in image.info else samples
         return _Layout("PNG", (image.height, image.width, samples))
     if image.format != "TIFF" or image.mode not in ("RGB", "RGBA", "LA"):
@@ -131,7 +132,7 @@ def _deep_colours(image: Image, path: str | Path) -> _Layout | None:
         return None
     if set(bits) != {16}:
         raise ImageError(f"image {path} has colours of {max(bits)} bits; save it as RGB of 8 or 16 bits")
-    # The size as it is stored: Pillow's is that of the picture after it is turned upright.
+    # Use the stored size: Pillow reports that of the picture after it is turned upright.
     width, height, samples = int(tags[256]), int(tags[257]), int(tags.get(_TIFF_SAMPLES, len(bits)))
     planes = tags.get(_TIFF_PLANES, 1) == 2
     shape = (samples, height, width) if planes else (height, width, samples)
@@ -139,7 +140,7 @@ def _deep_colours(image: Image, path: str | Path) -> _Layout | None:
 
 
 def _read_deep(path: str | Path, layout: _Layout) -> Pixels:
-    """Decode a picture of 16 bits in colours, into an array of the size that was checked; without its transparency."""
+    """Decode a 16-bit colour picture into an array of the size that was checked, without its transparency."""
     import imagecodecs
 
     most = _MOST_OVERHEAD * 2 * math.prod(layout.shape) + _MOST_TAGS
@@ -152,14 +153,14 @@ def _read_deep(path: str | Path, layout: _Layout) -> Pixels:
             found = imagecodecs.png_decode(data, out=found)
         else:
             found = imagecodecs.tiff_decode(data, index=0, out=found)
-    except RuntimeError as error:  # of libpng and libtiff
+    except RuntimeError as error:  # raised for errors of libpng and libtiff
         raise ValueError(str(error)) from None
     upright = _upright(np.moveaxis(found, 0, 2) if layout.planes else found, layout.orientation)
     return np.ascontiguousarray(upright[:, :, 0] if upright.shape[2] < 3 else upright[:, :, :3])
 
 
 def _upright(pixels: Pixels, orientation: int) -> Pixels:
-    """Turn a picture as tag 274 of TIFF 6.0 says."""
+    """Turn a picture upright according to tag 274 of TIFF 6.0."""
     if orientation >= 5:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
@@ -175,10 +176,10 @@ def _refuse_large(path: str | Path, width: int, height: int) -> None:
 
 
 def _refuse_scans(path: str | Path) -> None:
-    """Refuse a JPEG of more scans than any program writes: each of them costs a pass over all pixels."""
+    """Refuse a JPEG with more scans than any program writes, since each costs a pass over all pixels."""
     data, place = Path(path).read_bytes(), 2
     for _ in range(_MOST_SCANS + 1):
-        # Segments up to the next scan, whose length they state.
+        # Skip the segments up to the next scan by their stated lengths.
         while (marker := _MARKER.search(data, place)) and data[marker.end() - 1] != _START_OF_SCAN:
             if data[marker.end() - 1] == _END_OF_IMAGE:
                 return
@@ -190,12 +191,12 @@ def _refuse_scans(path: str | Path) -> None:
 
 
 def read_mask(path: str, shape: tuple[int, ...] | None = None) -> Mask:
-    """Read a picture that is not black where pixels are not to be used.
+    """Read a mask from a picture that is not black where pixels are not to be used.
 
     Raises
     ------
     ImageError
-        When it cannot be read, is not of the image's shape where that is given, or hides everything.
+        When it cannot be read, hides everything, or does not have the image's shape (if that is given).
     """
     values = read_image(path)
     hidden: Mask = np.asarray(values.astype(bool) if values.ndim == 2 else values.any(axis=2), dtype=np.bool_)
@@ -208,18 +209,19 @@ def read_mask(path: str, shape: tuple[int, ...] | None = None) -> Mask:
 
 
 def without_blanks(image: Pixels, mask: Mask | None) -> tuple[Pixels, Mask | None]:
-    """Hide the pixels of an image of floating numbers that have no value (NaN), as FITS marks what was not measured.
+    """Mask the pixels of a floating-point image that have no value (NaN), which is how FITS marks missing data.
 
     Parameters
     ----------
     image : ndarray, shape (height, width) or (height, width, 3)
+        The image.
     mask : ndarray of bool, shape (height, width), optional
         True where pixels are not used.
 
     Returns
     -------
     image, mask
-        With the median in the hidden pixels; as they were where every pixel has a value.
+        The image with the median in the newly masked pixels, and the mask; both unchanged if every pixel has a value.
     """
     values: NDArray[Any] = image
     if not np.issubdtype(values.dtype, np.floating):

@@ -1,4 +1,4 @@
-"""The filter matched to the stars' image."""
+"""The matched filter for star images."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 _ZONE_PX = 180
-# Pixels that are filtered at a time.
+# Size of the blocks of pixels that are filtered at a time.
 _BLOCK_ROWS, _BLOCK_COLUMNS = 360, 1152
-# Rows, and columns, that one product of matrices makes: wider bands hold more zeros, narrower ones take more products.
+# Rows and columns produced by one matrix product: wider bands contain more zeros, narrower ones need more products.
 _ROWS, _COLUMNS = 8, 16
-# Products of more numbers are split over threads by OpenBLAS, which costs more than it gains.
+# OpenBLAS splits larger products over threads, which costs more than it gains.
 _MOST_PRODUCTS = 262_144
 
 
@@ -29,9 +29,9 @@ class Filtered:
     Attributes
     ----------
     amplitude : ndarray, shape (height, width)
-        Peak of the star that fits best at each pixel.
+        Peak of the best-fitting star at each pixel.
     noise_factor : ndarray, shape (height, width) or (1, 1)
-        Its standard deviation over that of a pixel.
+        Standard deviation of the amplitude over that of a pixel.
     """
 
     amplitude: F4
@@ -39,7 +39,7 @@ class Filtered:
 
 
 def matched_filter(light: F4, shape: StarShape) -> Filtered:
-    """Correlate with the star's image less its mean over a square: constant and sloping backgrounds cancel."""
+    """Correlate with the star image minus its mean over a square, so that constant and sloping backgrounds cancel."""
     sigma = shape.filter_sigma_px
     if sigma is None:
         return _filter_by_zones(light, shape)
@@ -64,14 +64,14 @@ def matched_filter(light: F4, shape: StarShape) -> Filtered:
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Weights along columns and along rows, for products of matrices, which take less time than sums of shifted pixels.
+    """Weights along columns and rows as banded matrices, whose products are faster than sums of shifted pixels.
 
     Attributes
     ----------
     down : ndarray, shape (_ROWS, _ROWS + 2 reach)
-        Those along columns, in each row one place further.
+        Weights along columns, shifted by one place in each row.
     along : ndarray, shape (_COLUMNS + 2 reach, _COLUMNS)
-        Those along rows, in each column one place further.
+        Weights along rows, shifted by one place in each column.
     """
 
     down: F4
@@ -79,13 +79,13 @@ class _Lines:
 
     @classmethod
     def of(cls, down: F8, along: F8) -> _Lines:
-        """Of two odd numbers of weights."""
+        """Make the matrices from two sets of weights of odd lengths."""
         return cls(_banded(down, _ROWS), np.ascontiguousarray(_banded(along, _COLUMNS).T))
 
     def apply(self, light: F4, top: int, left: int, out: F4) -> None:
-        """Filter the part of an image that begins at a row and a column and has the shape of `out`.
+        """Filter the part of an image that starts at a row and column and has the shape of `out`.
 
-        Beyond the border the outermost pixels are repeated.
+        Beyond the border, the outermost pixels are repeated.
         """
         rows, columns = out.shape
         reach = (self.down.shape[1] - _ROWS) // 2
@@ -112,7 +112,7 @@ class _Lines:
 
 
 def _banded(line: F8, rows: int) -> F4:
-    """A line in every row of a matrix, in each one place further; shape (rows, rows + len(line) - 1)."""
+    """Return a matrix with a line in every row, shifted by one place from row to row; (rows, rows + len(line) - 1)."""
     banded = np.zeros((rows, rows + len(line) - 1), dtype=np.float32)
     for row in range(rows):
         banded[row, row : row + len(line)] = line
@@ -120,7 +120,7 @@ def _banded(line: F8, rows: int) -> F4:
 
 
 def _rows_with_margin(light: F4, top: int, rows: int, margin: int) -> F4:
-    """Some rows of an image with others above and below; beyond the border the outermost one is repeated."""
+    """Return rows of an image with a margin above and below; beyond the border, the outermost row is repeated."""
     first, last = top - margin, top + rows + margin
     if first >= 0 and last <= len(light):
         return light[first:last]
@@ -128,14 +128,14 @@ def _rows_with_margin(light: F4, top: int, rows: int, margin: int) -> F4:
 
 
 def _response(star: F8, area: int) -> tuple[float, float]:
-    """Response of the filter to a star of unit peak, and to unit noise."""
+    """Return the response of the filter to a star of unit peak, and to unit noise."""
     kernel = star / star.sum()
     gain = float((kernel * star).sum() - star.sum() / area)
     return gain, float(np.sqrt((kernel**2).sum() - 1 / area))
 
 
 def _filter_by_zones(light: F4, shape: StarShape) -> Filtered:
-    """Apply the filter of each zone of the frame; one zone where the shape is the same everywhere."""
+    """Apply the filter of each zone of the frame; there is one zone if the shape is the same everywhere."""
     from scipy import ndimage, signal
 
     height, width = light.shape

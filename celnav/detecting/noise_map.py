@@ -1,4 +1,4 @@
-"""The noise of an image, pixel by pixel: tiles that are interpolated where it is asked for."""
+"""The noise of an image, pixel by pixel: values of tiles, interpolated on demand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from celnav.detecting.tiles import TileMap
 
 F4 = NDArray[np.float32]
 
-# Of interpolation in single precision.
+# Rounding error of interpolation in single precision, relative.
 _ROUNDING = 1e-5
 
 
@@ -23,11 +23,11 @@ class NoiseMap:
     Attributes
     ----------
     white : TileMap
-        By the differences of neighbours.
+        Noise from the differences of neighbours.
     least : float
-        It is nowhere less.
+        Lower limit of the noise.
     ratio : TileMap or None
-        How much more the image scatters under a filter than white noise would; None: no more.
+        Factor by which the image scatters more under a filter than white noise would; None stands for 1.
     """
 
     white: TileMap
@@ -45,25 +45,25 @@ class NoiseMap:
     def exceeding(
         self, values: F4, times: float, zones: F4 | None = None, either_sign: bool = False
     ) -> tuple[NDArray[np.intp], F4]:
-        """Find pixels that hold more than so many standard deviations.
+        """Find the pixels that exceed a number of standard deviations.
 
         Parameters
         ----------
         values : ndarray, shape (height, width)
-            Of the pixels.
+            Values of the pixels.
         times : float
-            Standard deviations.
+            Threshold in standard deviations.
         zones : ndarray, shape (height, width), optional
             Factor on the standard deviation of each pixel.
         either_sign : bool
-            Whether pixels below zero count by their size.
+            Whether to compare absolute values, so that pixels below zero count too.
 
         Returns
         -------
         at : ndarray of int, shape (n,)
-            The pixels, as indices of the flattened image, in order.
+            Flat indices of the pixels, in ascending order.
         limit : ndarray, shape (n,)
-            What each of them exceeds.
+            The threshold that each pixel exceeds.
         """
         height, width = values.shape
         found = []
@@ -84,7 +84,7 @@ class NoiseMap:
         return at.take(standing), limit.take(standing)
 
     def _bounds(self, pieces: list[tuple[int, int]]) -> F4:
-        """Return for strips of rows, and each column, a bound that no value is below, shape (strips, width)."""
+        """Return a lower bound of the values for each strip of rows and each column, shape (strips, width)."""
         bounds = np.maximum(self.white.least(pieces), np.float32(self.least))
         if self.ratio is not None:
             bounds *= self.ratio.least(pieces)

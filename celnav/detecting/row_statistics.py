@@ -1,6 +1,6 @@
-"""Robust statistics of many rows of samples at once, of which some do not count.
+"""Robust statistics of many rows of samples at once, some of which are not used.
 
-Rows are sorted rather than partitioned, and what does not count is multiplied by zero rather than chosen by a mask:
+Rows are sorted rather than partitioned, and unused samples are multiplied by zero rather than selected by a mask, because
 processors do both for many numbers at a time.
 """
 
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-# Clipped at three standard deviations a normal distribution keeps this part of its own.
+# Standard deviation of a normal distribution after clipping at three standard deviations, as a fraction of its own.
 CLIP, CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
-# A little over a step, for rounding.
+# Slightly more than one step, to allow for rounding.
 _OVER_STEP = np.float32(1.01)
 
 
 class Scatter(NamedTuple):
-    """Scatter of pixels by the differences of neighbours, and the step of values that are rounded; shapes (n,)."""
+    """Scatter of pixels from the differences of neighbours, and the step of rounded values; shapes (n,)."""
 
     variance: F4
     number: NDArray[np.int_]
@@ -29,15 +29,15 @@ class Scatter(NamedTuple):
 
 
 def scatter_of_steps(samples: F4, counted: Mask) -> Scatter:
-    """Measure the variance of pixels by the differences of every second one to the next, along the first axis of blocks.
+    """Measure the variance of pixels from the differences of every second one to the next, along the first axis of blocks.
 
-    The step is the lower quartile of the differences that are not zero: of rounded values the one between neighbours, of
-    others less than a standard deviation. Differences of a step are never clipped.
+    The step is the lower quartile of the nonzero differences: for rounded values, that between neighbouring values; for
+    others, less than a standard deviation. Differences of one step are never clipped.
 
     Parameters
     ----------
     samples, counted : ndarray, shape (n, k, k)
-        Blocks of pixels, and which of them count.
+        Blocks of pixels, and which of them to use.
     """
     steps = ((samples[:, 1::2] - samples[:, ::2]) * np.float32(np.sqrt(0.5))).reshape(len(samples), -1)
     both = (counted[:, 1::2] & counted[:, ::2]).reshape(len(samples), -1)
@@ -58,17 +58,17 @@ def scatter_of_steps(samples: F4, counted: Mask) -> Scatter:
 
 
 def all_true(mask: Mask) -> bool:
-    """Tell whether a mask is true everywhere; one value that stands for all (`np.broadcast_to`) is looked at once."""
+    """Return whether a mask is true everywhere; a single broadcast value (`np.broadcast_to`) is checked only once."""
     return bool(mask.all() if any(mask.strides) or not mask.size else mask.flat[0])
 
 
 def count_true(mask: Mask) -> NDArray[np.int_]:
-    """Count what is true in each row, shape (n,)."""
+    """Count the true entries of each row, shape (n,)."""
     return np.asarray(mask.astype(np.float32) @ np.ones(mask.shape[1], dtype=np.float32), dtype=np.int_)
 
 
 def medians(samples: F4, counted: Mask | None) -> F4:
-    """Upper medians of the counted samples of each row (None: of all), shape (n,); NaN for rows without any."""
+    """Return the upper medians of the counted samples of each row (None: all), shape (n,); NaN for rows without any."""
     size = samples.shape[1]
     if counted is None or counted.all():
         return np.asarray(np.sort(samples, axis=1)[:, size // 2])
@@ -79,9 +79,9 @@ def medians(samples: F4, counted: Mask | None) -> F4:
 
 
 def moments_within(deviation: F4, limit: F4, counted: Mask | None) -> tuple[F4, F4]:
-    """Means of each row, shape (n,), and of its squares, of the counted values (None: all) no larger than the row's limit.
+    """Return the mean and the mean square, shapes (n,), of each row's counted values (None: all) up to the row's limit.
 
-    Medians alone are too coarse for integers where the noise is less than a step or two.
+    Medians alone are too coarse for integers if the noise is less than a step or two.
     """
     kept = np.abs(deviation) <= limit[:, None]
     if counted is not None:

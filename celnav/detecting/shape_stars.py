@@ -1,4 +1,4 @@
-"""The stars that tell the shape of a star's image: bright, single, whole, and from all over the frame."""
+"""Selection of the stars from which the star shape is measured: bright, single, complete, and from all over the frame."""
 
 from __future__ import annotations
 
@@ -16,29 +16,32 @@ F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _STARS, _COMPONENTS = 300, 120
-# Within so many pixels so many sources count at a time.
+# Within this many pixels, only this many sources count at a time.
 _AROUND_PX, _EACH = 56.0, 2
-# Maxima this many times above the noise of a pixel, without a brighter one so near.
+# Maxima this many times above the noise of a pixel, without a brighter one within this distance.
 _BRIGHT, _ALONE_PX = 20.0, 6.0
-# Maxima that are considered at most, and fewest of which a shape is believed.
+# Largest number of maxima considered, and least number for a reliable shape.
 _MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 12
-# Of the ring around a star where its light has gone; how often the light there scatters goes into a star's peak, at least.
+# Radius of the ring around a star where its light has faded, and number of places on it; least ratio of a star's peak to the
+# scatter of the light on the ring.
 _RING_PX, _RING_PLACES, _OVER_RING = 8.0, 40, 20.0
-# Where more than the second part is longer than stars are (axes' moments 1 : 2.3), they are streaks or tracks.
+# If more than the second fraction of sources have an elongation above the first (moments of the axes 1 : 2.3), they are
+# streaks or tracks.
 _LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.4, 5
-# Sources beyond this variance, px^2, are measured under larger windows; under small ones none has more than the second.
+# Sources with a larger variance than the first, px^2, are measured under larger windows; the second is the largest variance
+# under small windows.
 _WIDE_VARIANCE, _LARGEST_COMPACT = 6.0, 9.0
 
 
 def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | None:
-    """Measure the shape on bright maxima of the image itself; None where they are few or do not agree, as streaks do not.
+    """Measure the shape on bright maxima of the image itself; None if they are few or disagree, as streaks do.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     far : Outstanding
-        All pixels that may be so bright.
+        All pixels that may be bright enough.
     cores : Cores
         Saturated stars, which are left out.
     """
@@ -63,7 +66,7 @@ def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | No
     uv, value = uv[alone], value[alone]
     if len(uv) < _FEWEST_MAXIMA:
         return None
-    # Trees, walls and edges of clouds scatter around their own maxima; stars, streaks and tracks stand by themselves.
+    # The surroundings of maxima in trees, walls and edges of clouds scatter; stars, streaks and tracks are isolated.
     level, scatter = _ring_around(light, uv)
     single = value - level > _OVER_RING * scatter
     uv, value, level = uv[single], value[single], level[single]
@@ -78,9 +81,9 @@ def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | No
 
 
 def _ring_around(light: F4, uv: F8) -> tuple[F8, F8]:
-    """Level and scatter of the light on a ring around places, shape (n, 2), by median and median deviation, shapes (n,).
+    """Return level and scatter of the light on rings around positions, shape (n, 2): medians and median deviations, (n,).
 
-    What tiles leave of clouds and glare is in the level: it would widen stars.
+    The level contains the residual of clouds and glare after background subtraction, which would widen stars.
     """
     turn = np.linspace(0, 2 * np.pi, _RING_PLACES, endpoint=False)
     columns = np.rint(uv[:, :1] + _RING_PX * np.cos(turn)).astype(np.intp)
@@ -92,12 +95,12 @@ def _ring_around(light: F4, uv: F8) -> tuple[F8, F8]:
 
 
 def _middle_of(ordered: F8) -> F8:
-    """Medians of ordered rows, shape (n, _RING_PLACES)."""
+    """Return the medians of sorted rows, shape (n, _RING_PLACES)."""
     return np.asarray((ordered[:, (_RING_PLACES - 1) // 2] + ordered[:, _RING_PLACES // 2]) / 2)
 
 
 def _elongation(light: F4, uv: F8) -> F8:
-    """Difference of the axes' second moments over their sum, shape (n,), of the light around places, shape (n, 2)."""
+    """Return the difference of the axes' second moments over their sum, shape (n,), at positions, shape (n, 2)."""
     cut, rows, columns = windows(light, uv, (_WINDOW_PX, _WINDOW_PX))
     du, dv = offsets(rows, columns, uv)
     window = np.maximum(cut, 0)
@@ -117,17 +120,17 @@ def shape_of_components(
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     noise : NoiseMap
         Standard deviation of its pixels.
     parts : Components
-        What stands out of the noise.
+        Components above the noise.
     part_of_peak : ndarray of int32, shape (n,)
-        The component that each peak lies in.
+        The component that contains each peak.
     cores : Cores
         Saturated stars.
     max_area_px : int
-        Larger components are no stars.
+        Largest area of a component that can be a star.
     """
     at = np.rint(parts.uv).astype(np.intp)
     clear = parts.flux > 15 * noise.at(at[:, 1], at[:, 0]) * np.sqrt(np.maximum(parts.area, 1))
@@ -140,7 +143,7 @@ def shape_of_components(
     chosen = chosen[_brightest_around(parts.uv[chosen], dense)[:_COMPONENTS]]
     if not len(chosen):
         return None
-    # From the components' own moments: streaks differ in length and direction over the frame.
+    # Start from the components' own moments, since streaks differ in length and direction over the frame.
     begun = np.clip(parts.covariance[chosen], [0.5, -150, 0.5], [150, 150, 150])
     determinant = begun[:, 0] * begun[:, 2] - begun[:, 1] ** 2
     begun = np.where((determinant > 0.1)[:, None], begun, [[1.0, 0.0, 1.0]])
@@ -152,9 +155,9 @@ def shape_of_components(
 
 
 def _brightest_around(uv: F8, brightness: F8) -> Rows:
-    """Order sources by how many brighter ones are around them, a few alike, then by brightness.
+    """Order sources by the number of brighter ones around them, in groups of a few, then by brightness.
 
-    Trees, lamps and reflections lie close together; stars are everywhere.
+    Trees, lamps and reflections are close together; stars are everywhere.
     """
     order = np.argsort(-brightness, kind="stable")
     pairs = close_pairs(uv[order], _AROUND_PX)

@@ -1,4 +1,4 @@
-"""Candidates for stars in an image: saturated cores, peaks of the filtered image; and the trails that are not stars."""
+"""Candidates for stars in an image: saturated cores and peaks of the filtered image; and trails, which are not stars."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ Labels = NDArray[np.int32]
 # Pixels this near to the highest value belong to a flat top.
 _FLAT = 0.97
 _LEAST_PLATEAU_PX = 4
-# Light that lenses scatter around bright stars, as a part of their peak: no star is believed below it.
+# Light that lenses scatter around bright stars, as a fraction of their peak; fainter peaks there are not accepted.
 _HALO = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Connected pixels above a threshold that hold a peak above a higher one.
+    """Connected pixels above a threshold that contain a peak above a higher threshold.
 
     Attributes
     ----------
     pixel, pixel_label : ndarray of int, shape (m,)
-        The pixels above the threshold, as indices of the flattened image, in order; and their components, from 1 on.
+        Flat indices of the pixels above the threshold, in ascending order; and their components, numbered from 1.
     width : int
-        Of the image.
+        Width of the image.
     uv : ndarray, shape (n, 2)
-        Centroids, by light.
+        Centroids, weighted by light.
     covariance : ndarray, shape (n, 3)
         Second moments uu, uv, vv of the light, px^2.
     flux : ndarray, shape (n,)
-        Light.
+        Total light of each component.
     area : ndarray, shape (n,)
-        Pixels.
+        Number of pixels of each component.
     label : ndarray, shape (n,)
-        Their numbers in `pixel_label`.
+        Numbers of the components in `pixel_label`.
     """
 
     pixel: NDArray[np.intp]
@@ -57,7 +57,7 @@ class Components:
     label: NDArray[np.int64]
 
     def holding(self, uv: F8) -> Labels:
-        """Components that hold the pixels nearest to positions inside the image, shape (n,); 0 for none."""
+        """Return the components of the pixels nearest to positions inside the image, shape (n,); 0 for none."""
         if not len(self.pixel):
             return np.zeros(len(uv), dtype=np.int32)
         nearest = np.rint(uv).astype(np.intp)
@@ -73,11 +73,11 @@ class Cores:
     Attributes
     ----------
     uv : ndarray, shape (n, 2)
-        Their middles.
+        Centres of the flat tops.
     radius_px : ndarray, shape (n,)
-        Of a circle of the same area.
+        Radius of a circle with the same area.
     level : float
-        Light at which they are flat; infinity where nothing is saturated.
+        Light at which they are flat; infinity if nothing is saturated.
     """
 
     uv: F8
@@ -86,16 +86,16 @@ class Cores:
 
 
 def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
-    """Find connected pixels that hold a seed.
+    """Find connected pixels that contain a seed.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     above : ndarray of int, shape (n,)
-        Pixels above the lower threshold, as indices of the flattened image, in order.
+        Flat indices of the pixels above the lower threshold, in ascending order.
     seeded : ndarray of bool, shape (n,)
-        Those above the higher one.
+        Which of these are above the higher threshold.
     """
     width = light.shape[1]
     label, n = connected(above, width)
@@ -123,9 +123,9 @@ def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
 
 
 def saturated_pixels(pixels: F4, level: float | None) -> NDArray[np.intp]:
-    """Find the pixels within 3 % of the image's highest value, or above a level given, as indices of the flattened image.
+    """Return flat indices of the pixels within 3 % of the image's highest value, or above a given level.
 
-    A bright sky that is saturated altogether, or an image of noise, has none.
+    A bright sky that is entirely saturated, or an image of noise, has none.
     """
     of_rows = pixels.max(axis=1)
     highest = float(of_rows.max())
@@ -157,9 +157,10 @@ def saturated_cores(at: NDArray[np.intp], light: F4) -> Cores:
 def trails(
     found: Components, filtered: F4, shape: StarShape, cores: Cores, least_length_px: float
 ) -> NDArray[np.int64]:
-    """Return the labels of components that are trails: long, narrow, and bright all along.
+    """Return the labels of components that are trails: long, narrow, and bright over their whole length.
 
-    Stars in a row are long and narrow too, but dark in between; so is a saturated star that blooms along its column.
+    Stars in a row are also long and narrow, but dark in between. Saturated stars, which may bloom along their column, are
+    excluded.
     """
     own = shape.at(found.uv)
     rest = found.covariance - own
@@ -197,15 +198,16 @@ def peaks(filtered: Filtered, noise: PixelMap, above: NDArray[np.intp], used: Ma
     filtered : Filtered
         The image under the matched filter.
     noise : PixelMap
-        Standard deviation of white pixels that would make its noise.
+        Standard deviation of white pixel noise that is equivalent to its noise.
     above : ndarray of int, shape (n,)
-        The pixels, as indices of the flattened image.
+        Flat indices of the pixels above the threshold.
     used : ndarray of bool, shape (height, width)
         Where peaks count.
 
     Returns
     -------
-    Places to a fraction of a pixel, shape (n, 2), amplitudes, shape (n,), and their standard deviations, shape (n,).
+    tuple of three ndarrays
+        Positions to a fraction of a pixel, shape (n, 2); amplitudes, shape (n,); and their standard deviations, shape (n,).
     """
     amplitude = filtered.amplitude
     height, width = amplitude.shape
@@ -233,7 +235,7 @@ def peaks(filtered: Filtered, noise: PixelMap, above: NDArray[np.intp], used: Ma
 
 
 def without_flanks(uv: F8, amplitude: F8, sigma: F8, seed_sigma: float, shape: StarShape, cores: Cores) -> Mask:
-    """Tell which peaks, brightest first, stand out of the light of brighter neighbours and cores; shape (n,)."""
+    """Return which peaks, brightest first, stand out from the light of brighter neighbours and cores; shape (n,)."""
     if not len(uv) or len(uv) + len(cores.uv) < 2:
         return np.ones(len(uv), dtype=bool)
     own = shape.at(uv)
@@ -254,7 +256,7 @@ def without_flanks(uv: F8, amplitude: F8, sigma: F8, seed_sigma: float, shape: S
 
         distance, core = cKDTree(cores.uv).query(uv)
         sigma_px = np.sqrt((own[:, 0] + own[:, 2]) / 2)
-        # Beyond the rim the light falls as the star's wing does.
+        # Beyond the rim, the light falls off like the wing of a star.
         from_rim = np.maximum(distance - cores.radius_px[core], 0) / sigma_px
         wing = cores.level * (np.exp(-0.25 * from_rim**2 - 0.5 * from_rim) + _HALO)
         kept &= (distance > cores.radius_px[core] + 1.5 * sigma_px) & (

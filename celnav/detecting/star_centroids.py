@@ -1,8 +1,8 @@
-"""Centroids, brightness, and shape of stars under a window that follows them, neighbours subtracted.
+"""Centroids, brightness and shape of stars under a window that follows them, with neighbours subtracted.
 
-The iteration x += 2 sum(w I (x_i - x)) / sum(w I) of the windowed positions of SExtractor (Bertin & Arnouts 1996, A&AS
-117, 393, and its manual) is nearly as good as a fit where the window has the shape of the star. Negative light counts:
-leaving it out would bias towards the window's middle.
+The iteration x += 2 sum(w I (x_i - x)) / sum(w I) of SExtractor's windowed positions (Bertin & Arnouts 1996, A&AS 117, 393,
+and its manual) is nearly as good as a fit if the window has the shape of the star. Negative light counts, because leaving it
+out would bias the position towards the centre of the window.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from celnav.detecting.star_shape import gaussians, inverse, offsets, windows
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-# What pixels and a point spread function that is no Gaussian leave in the centroid of the brightest star.
+# Centroid error of even the brightest star, due to pixels and to a point spread function that is not Gaussian.
 CENTROID_FLOOR_PX = 0.03
-# Part of a neighbour's light that stays when its model has been taken off.
+# Fraction of a neighbour's light that remains after its model has been subtracted.
 _LEFT_OF_NEIGHBOUR = 0.05
 _ROUNDS = 5
 _PATCH_PIXELS = 65_000  # at a time, which stay in the processor's cache
@@ -29,23 +29,23 @@ _PATCH_PIXELS = 65_000  # at a time, which stay in the processor's cache
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Stars as measured.
+    """Measurements of stars.
 
     Attributes
     ----------
     uv : ndarray, shape (n, 2)
         Centroids.
     flux : ndarray, shape (n,)
-        Twice the light under the window: for a star of the window's shape all of its light.
+        Twice the light under the window, which is all the light of a star with the window's shape.
     sigma_px : ndarray, shape (n,)
         Standard deviation of the centroid, root mean square of the two axes.
     narrow, wide : ndarray, shape (n,)
-        Second moments of the light under the window along its axes over those expected: 1 for a star, less for a
+        Second moments of the light under the window along its axes, relative to those expected: 1 for a star, less for a
         sharper source, 2 for a flat one.
     snr : ndarray, shape (n,)
-        Light under the window over its noise.
+        Signal-to-noise ratio of the light under the window.
     unlike, significance : ndarray, shape (n,)
-        Light that is not that of a star, as of `celnav.detecting.star_shape.unlikeness`.
+        Light that does not have the form of a star, from `unlikeness`.
     """
 
     uv: F8
@@ -61,23 +61,23 @@ class Measured:
 def measure_stars(
     light: F4, noise: NoiseMap, uv: F8, covariance: F8, gain_e_per_unit: float, white: NoiseMap | None = None
 ) -> Measured:
-    """Measure stars at places, shape (n, 2), that are good to a pixel or two.
+    """Measure stars at positions, shape (n, 2), that are known to a pixel or two.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     noise : NoiseMap
         Standard deviation of its pixels without stars.
     uv : ndarray, shape (n, 2)
-        Where they are.
+        Approximate positions.
     covariance : ndarray, shape (n, 3)
-        Of the star's image: uu, uv, vv, px^2.
+        Covariance of the star image: uu, uv, vv, px^2.
     gain_e_per_unit : float
-        Electrons that make one unit of the image; infinity leaves the photon noise of the stars out.
+        Electrons per unit of the image; infinity neglects the photon noise of the stars.
     white : NoiseMap, optional
-        Noise by the differences of neighbouring pixels, where `noise` is that of white pixels that scatter as much under a
-        filter; the same unless given.
+        Noise from the differences of neighbouring pixels, for use if `noise` is that of white pixels with the same scatter
+        under a filter; equal to `noise` unless given.
     """
     white = noise if white is None else white
     if not len(uv):
@@ -105,7 +105,7 @@ def measure_stars(
 
 
 def _neighbours(uv: F8, covariance: F8) -> NDArray[np.intp]:
-    """Ordered pairs (star, neighbour), shape (p, 2), whose light overlaps, sorted by star."""
+    """Return ordered pairs (star, neighbour), shape (p, 2), whose light overlaps, sorted by star."""
     reach = 5.0 * float(np.sqrt(np.median(np.maximum(covariance[:, 0], covariance[:, 2]))))
     pairs = close_pairs(uv, reach)
     both = np.concatenate((pairs, pairs[:, ::-1]))
@@ -124,9 +124,9 @@ def _measure(
     start: int,
     stop: int,
 ) -> Measured:
-    """Measure the stars of rows `start` to `stop`; the others stay where they were found."""
+    """Measure the stars of rows `start` to `stop`; the others stay at their approximate positions."""
     first, shape = uv[start:stop], covariance[start:stop]
-    # Windows are numbered last, so that every step passes over all of them in the order of the memory.
+    # The index of the window is the last axis, so that every step passes over all windows in memory order.
     cut, rows, columns = windows(light, first, reach)
     inverses = inverse(shape)
     p, q, r = inverses.T
@@ -157,7 +157,7 @@ def _measure(
         at[:, 0] += 2 * (by_column * du).sum(axis=0) / total
         at[:, 1] += 2 * (by_row * dv).sum(axis=0) / total
         np.minimum(np.maximum(at, lowest, out=at), highest, out=at)
-    # What wanders off follows a neighbour's light: it stays where it was found.
+    # A centroid that wanders off follows a neighbour's light; it is reset to its approximate position.
     wandered = np.any(np.abs(at - first) > 0.75 * limit, axis=1)
     at = np.where(wandered[:, None], first, at)
     light_under = window.sum(axis=(0, 1)).astype(np.float64)
@@ -170,41 +170,41 @@ def _measure(
     sigma = _sigma_px(flux, pixel, shape, area, gain)
     sigma = np.hypot(sigma, _LEFT_OF_NEIGHBOUR * spread * crowd / np.maximum(flux / area, 1e-30))
     sigma = np.hypot(np.minimum(sigma, 1.0 + np.sqrt(shape[:, [0, 2]].max(axis=1))), CENTROID_FLOOR_PX)
-    # The variance of sum(w I): sum(w^2) is half of the star's area.
+    # Variance of sum(w I): sum(w^2) is half of the star's area.
     snr = light_under / np.maximum(np.sqrt(pixel**2 * area / 2 + flux / (3 * gain)), 1e-30)
     star = gaussians(inverses, du, dv)
-    # Of correlated noise a single pixel has less than the window has: half of it in logarithm.
+    # If noise is correlated, that of a single pixel is smaller than that of the window; use their geometric mean.
     single = pixel * np.maximum(white.at(rows_at, columns_at), 1e-30)
     unlike, significance = unlikeness(cut, star, single, flux / area / gain)
     return Measured(at, flux, sigma, narrow, wide, snr, unlike, significance)
 
 
 def _nearest(image: F4, uv: F8) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the pixels that hold positions, shapes (n,)."""
+    """Return rows and columns of the pixels that contain positions, shapes (n,)."""
     height, width = image.shape
     nearest = np.rint(uv).astype(np.intp)
     return nearest[:, 1].clip(0, height - 1), nearest[:, 0].clip(0, width - 1)
 
 
 def unlikeness(cut: F4, star: F4, sky_power: F8, photons: F8) -> tuple[F8, F8]:
-    """How much of the light in windows is not that of a star.
+    """Measure how much of the light in windows does not have the form of a star.
 
     Parameters
     ----------
     cut : ndarray, shape (rows, columns, n)
-        Light; beyond 2.5 standard deviations of the star it does not count.
+        Light; it does not count beyond 2.5 standard deviations of the star.
     star : ndarray, shape (rows, columns, n)
-        The star's image, with a peak of 1.
+        The star image, with a peak of 1.
     sky_power, photons : ndarray, shape (n,)
-        Variance of the light of a pixel without stars, and what the star's own adds at its peak.
+        Variance of a pixel without stars, and the variance that the star's light adds at its peak.
 
     Returns
     -------
     unlike : ndarray, shape (n,)
-        Root of the power that the star that fits best leaves over beyond noise, over the root of the star's own: 0 for a
-        star, 0.5 and more for the track of a particle, infinity where the star has no light.
+        Square root of the residual power of the best-fitting star beyond noise, over that of the star's own power: 0 for a
+        star, 0.5 and more for the track of a particle, infinity if the star has no light.
     significance : ndarray, shape (n,)
-        That power in standard deviations of the noise's.
+        The residual power in standard deviations of the noise power.
     """
     inner = (star > np.float32(np.exp(-0.5 * 2.5**2))).astype(np.float32)
     star = star * inner
@@ -224,7 +224,7 @@ def unlikeness(cut: F4, star: F4, sky_power: F8, photons: F8) -> tuple[F8, F8]:
 
 
 def _summed(values: F4) -> F8:
-    """Sums over windows, shape (n,)."""
+    """Return the sums over windows, shape (n,)."""
     return values.sum(axis=(0, 1)).astype(np.float64)
 
 
@@ -233,16 +233,16 @@ def _positive(total: F4) -> F4:
 
 
 def _take_off(cut: F4, own: NDArray[np.intp], models: F4) -> None:
-    """Subtract models, shape (rows, columns, p), from windows; they belong to those of `own`, ascending."""
+    """Subtract models, shape (rows, columns, p), from the windows numbered `own`, in ascending order."""
     starts = np.flatnonzero(np.diff(own, prepend=-1))
     cut[:, :, own[starts]] -= np.add.reduceat(models, starts, axis=2)
 
 
 def _relative_axes(window: F4, du: F4, dv: F4, p: F8, q: F8, r: F8) -> tuple[F8, F8]:
-    """Moments of the light under the window along its short and long axis over those expected, shapes (n,).
+    """Return the moments of the light under the window along its short and long axis over those expected, shapes (n,).
 
-    Light and window of the same Gaussian S: the covariance of their product is S / 2, and these are eigenvalues of twice
-    it over S.
+    If light and window are the same Gaussian of covariance S, the covariance of their product is S / 2; the results are the
+    eigenvalues of twice that covariance over S.
     """
     by_column, by_row = window.sum(axis=0), window.sum(axis=1)
     total = _positive(by_row.sum(axis=0))
@@ -255,10 +255,10 @@ def _relative_axes(window: F4, du: F4, dv: F4, p: F8, q: F8, r: F8) -> tuple[F8,
 
 
 def _sigma_px(flux: F8, noise: F8, shape: F8, area: F8, gain: float) -> F8:
-    """Standard deviation of windowed centroids of Gaussian stars from the noise of sky and star, shape (n,).
+    """Return the standard deviation of windowed centroids of Gaussian stars from the noise of sky and star, shape (n,).
 
     The estimate 2 sum(w I x) / sum(w I) has the variance 4 sum(w^2 x^2 N^2) / sum(w I)^2. With S the star's covariance,
-    w^2 is a Gaussian of S / 2, and w^2 times the star one of S / 3.
+    w^2 is a Gaussian of covariance S / 2, and w^2 times the star is one of S / 3.
     """
     axis = (shape[:, 0] + shape[:, 2]) / 2
     sky = noise**2 * (area / 2) * axis / 2

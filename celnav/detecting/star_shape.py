@@ -1,8 +1,8 @@
-"""The shape of a star's image.
+"""The shape of star images.
 
-A star is a Gaussian of any width, length and direction: a point spread function, or the streak that a star leaves while
-the camera moves. Over the frame its covariance is a polynomial of second order in the position, which is exact for the
-streaks of a camera that moves affinely: the covariance of a streak (du, dv) is its outer product over twelve.
+A star is modelled as a Gaussian of any width, length and direction: a point spread function, or the streak that a star leaves
+while the camera moves. Over the frame, its covariance is a polynomial of second order in the position. This is exact for the
+streaks of an affine camera motion: the covariance of a streak (du, dv) is its outer product over twelve.
 
 Widths are measured by adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583).
 """
@@ -20,36 +20,38 @@ F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 620.0  # px^2: half a pixel, and streaks of 70 px
-# A star's image is round where its axes differ by less than this factor.
+# A star image is round if its axes differ by less than this factor.
 _ROUND = 1.2
-# One round filter serves shapes whose variances differ by no more than this factor.
+# One round filter is good enough for shapes whose variances differ by no more than this factor.
 _ONE_FILTER = 2.6
 # px^2: the track of a particle is narrower than the image of a star.
 _TRACK_VARIANCE = 0.2
-# A Gaussian of 0.8 px that is laid over stars before they are measured, and its variance: sums over pixels are not the
-# moments of a star that is sharper.
+# Variance of a Gaussian of 0.8 px with which stars are convolved before they are measured: for sharper stars, sums over
+# pixels do not equal the moments.
 _SMOOTHED = 0.64
 _SMOOTHING = np.exp(-0.5 * np.arange(-4, 5) ** 2 / _SMOOTHED)
 _SMOOTHING /= _SMOOTHING.sum()
-# Shapes that differ by less than this part of their variance agree; so many must, and this part of all.
+# Shapes agree if they differ by less than this fraction of their variance; at least this many, and this fraction of all, must
+# agree.
 _AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
-# A shape that varies starts from those within so many times the agreement, and has to leave so much less scatter: a part
-# where one filter serves it all the same, or half.
+# The fit of a varying shape starts from stars within the first value times the tolerance. It must reduce the scatter to the
+# second value if one filter still serves the frame, and to the third otherwise.
 _LOOSE, _MILD, _STRONG = 3.0, 0.8, 0.5
-# Of the six coefficients of a shape that varies mildly each is known from as many stars.
+# Least number of stars for a mildly varying shape: six stars for each of the six coefficients.
 _FEWEST_OF_MILD = 36
-# Standard deviation of the weights of a mean shift, as a part of the size; its steps.
+# Standard deviation of the mean-shift weights, as a fraction of the size; number of steps.
 _RANGE, _STEPS = 0.15, 20
 
 
 @dataclass(frozen=True, eq=False)
 class StarShape:
-    """Covariance of a star's image as a function of its place.
+    """Covariance of the star image as a function of position.
 
     Attributes
     ----------
     coefficients : ndarray, shape (6, 3)
-        Of 1, x, y, x^2, x y, y^2 (rows) for the covariances uu, uv, vv (columns), px^2; x and y run from -1 to 1.
+        Coefficients of 1, x, y, x^2, x y, y^2 (rows) for the covariances uu, uv, vv (columns), px^2; x and y run from -1
+        to 1.
     size : tuple of int
         Height and width of the image.
     """
@@ -59,19 +61,19 @@ class StarShape:
 
     @classmethod
     def constant(cls, uu: float, uv: float, vv: float, size: tuple[int, int]) -> StarShape:
-        """Return a shape that is the same everywhere."""
+        """Make a shape that is the same everywhere."""
         coefficients = np.zeros((6, 3))
         coefficients[0] = uu, uv, vv
         return cls(coefficients, size)
 
     @property
     def varies(self) -> bool:
-        """Whether it depends on the place."""
+        """Whether the shape depends on the position."""
         return bool(self.coefficients[1:].any())
 
     @property
     def round_sigma_px(self) -> float | None:
-        """The standard deviation where the shape is the same everywhere and round; None elsewhere."""
+        """The standard deviation if the shape is round and the same everywhere, else None."""
         uu, uv, vv = self.coefficients[0]
         if self.varies:
             return None
@@ -80,10 +82,10 @@ class StarShape:
 
     @cached_property
     def filter_sigma_px(self) -> float | None:
-        """Standard deviation of one round filter that serves the whole frame; None where none does.
+        """Standard deviation of one round filter that is good enough for the whole frame; None if there is no such filter.
 
         A filter that is wider or narrower than the star by a factor a loses 1 - 2 a / (1 + a^2) of the signal: within the
-        limit 3 % at most.
+        limit, at most 3 %.
         """
         if not self.varies:
             variances = axes(self.coefficients[:1])
@@ -95,7 +97,7 @@ class StarShape:
         return float((large * small) ** 0.25) if 0 < large < _ONE_FILTER * small else None
 
     def at(self, uv: F8) -> F8:
-        """Return the covariances (uu, uv, vv), shape (n, 3), at positions, shape (n, 2); kept within sensible widths."""
+        """Return the covariances (uu, uv, vv), shape (n, 3), at positions, shape (n, 2), limited to plausible widths."""
         covariance = _terms(uv, self.size) @ self.coefficients
         if not self.varies:
             return np.asarray(covariance)
@@ -110,7 +112,7 @@ class StarShape:
 
 
 def axes(covariance: F8) -> tuple[F8, F8]:
-    """Eigenvalues, large and small, of covariances (uu, uv, vv), shape (n, 3)."""
+    """Return the large and the small eigenvalues of covariances (uu, uv, vv), shape (n, 3)."""
     uu, uv, vv = covariance.T
     root = np.hypot((uu - vv) / 2, uv)
     return (uu + vv) / 2 + root, (uu + vv) / 2 - root
@@ -123,7 +125,7 @@ def _terms(uv: F8, size: tuple[int, int]) -> F8:
 
 
 def inverse(covariance: F8) -> F8:
-    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances; NaN for covariances without width."""
+    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances; NaN for covariances of zero width."""
     uu, uv, vv = covariance.T
     determinant = uu * vv - uv * uv
     return np.asarray(np.stack((vv, -uv, uu), axis=1) / np.where(determinant > 1e-9, determinant, np.nan)[:, None])
@@ -134,7 +136,8 @@ def windows(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F4, NDArray[np.i
 
     Returns
     -------
-    Light, shape (rows, columns, n), and the rows, shape (rows, n), and columns, shape (columns, n), of the pixels.
+    tuple of three ndarrays
+        Light, shape (rows, columns, n), and the rows, shape (rows, n), and columns, shape (columns, n), of the pixels.
     """
     height, width = light.shape
     rows = np.rint(uv[:, 1]).astype(np.intp) + np.arange(-reach[0], reach[0] + 1)[:, None]
@@ -148,7 +151,7 @@ def windows(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F4, NDArray[np.i
 
 
 def offsets(rows: NDArray[np.intp], columns: NDArray[np.intp], uv: F8) -> tuple[F4, F4]:
-    """Distances of columns and rows, shapes (columns, n) and (rows, n), from positions, shape (n, 2)."""
+    """Return the offsets of columns and rows, shapes (columns, n) and (rows, n), from positions, shape (n, 2)."""
     return (columns - uv[:, 0]).astype(np.float32), (rows - uv[:, 1]).astype(np.float32)
 
 
@@ -157,10 +160,10 @@ def adaptive_moments(
 ) -> F8:
     """Measure covariances (uu, uv, vv), shape (n, 3), of stars at positions, shape (n, 2); NaN where there is no star.
 
-    What is wider than the variance `largest` is no star: slopes of light fill any window. `level`, shape (n,), is taken off
-    the light around each.
+    A source with a variance above `largest` is not a star, because gradients of light fill any window. `level`, shape (n,),
+    is subtracted from the light around each position.
 
-    The window has the covariance of the star: it is what the light under the window and the window itself agree on.
+    The window is iterated until its covariance agrees with that of the light under it; it is then the covariance of the star.
     """
     from scipy import ndimage
 
@@ -181,7 +184,7 @@ def adaptive_moments(
         seen -= (u * u, u * v, v * v)
         np.minimum(np.maximum(step, -1, out=step), 1, out=step)
         at += 2 * step.T
-        # Light and window multiply: their inverse covariances add.
+        # For the product of light and window, the inverse covariances add.
         difference = inverse(seen.T) - window
         p, q, r = difference.T
         difference[~((p > 0) & (p * r > q**2))] = np.nan
@@ -199,7 +202,7 @@ def _windowed_moments(cut: F4, du: F4, dv: F4, window: F8) -> tuple[F8, F8, F8]:
     cut : ndarray, shape (rows, columns, n)
         Light.
     du, dv : ndarray, shapes (columns, n) and (rows, n)
-        Distances of the pixels from the windows' middles.
+        Offsets of the pixels from the centres of the windows.
     window : ndarray, shape (n, 3)
         Inverse covariances of the windows.
     """
@@ -214,12 +217,12 @@ def _windowed_moments(cut: F4, du: F4, dv: F4, window: F8) -> tuple[F8, F8, F8]:
 
 
 def gaussians(window: F8, du: F4, dv: F4) -> F4:
-    """Gaussians of unit peak, shape (rows, columns, n), of inverse covariances, shape (n, 3), at offsets."""
+    """Return Gaussians of unit peak, shape (rows, columns, n), with inverse covariances, shape (n, 3), at offsets."""
     p, q, r = window.T.astype(np.float32)
     across, down = np.float32(-0.5) * p * du * du, np.float32(-0.5) * r * dv * dv
     if np.abs(q).max(initial=0) <= 1e-3 * min(p.min(initial=1), r.min(initial=1)):
         return np.asarray(np.exp(down)[:, None] * np.exp(across)[None])
-    # Of an inclined one the factors by themselves exceed single precision.
+    # For an inclined Gaussian, the separate factors would exceed single precision.
     exponent = (-q * dv)[:, None] * du[None]
     exponent += across[None]
     exponent += down[:, None]
@@ -227,9 +230,9 @@ def gaussians(window: F8, du: F4, dv: F4) -> F4:
 
 
 def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:
-    """Fit the shape to the covariances of single stars, shape (n, 3); None where too few are known, or agree.
+    """Fit the shape to the covariances of single stars, shape (n, 3); None if too few are known or agree.
 
-    It varies over the frame only where that leaves clearly less scatter.
+    The shape varies over the frame only if that clearly reduces the scatter.
     """
     known = np.isfinite(covariance).all(axis=1)
     if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= 8:
@@ -260,7 +263,7 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     if mild and len(uv) < _FEWEST_OF_MILD:
         return fixed
     both = alike | agreeing
-    # What six coefficients fit of chance is no variation.
+    # Allow for the scatter that six coefficients absorb by chance.
     free = max(int(alike.sum()) - terms.shape[1], 1)
     rest: F8 = np.abs(covariance - middle).sum(axis=1)[both] * np.sqrt(free / alike.sum())
     residual: F8 = np.abs(covariance - terms @ best.coefficients).sum(axis=1)[both]
@@ -269,9 +272,9 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
 
 
 def _middle(covariance: F8, start: F8) -> F8:
-    """Find the mean of covariances, shape (n, 3), that are near it, from `start` on; shape (3,).
+    """Find a local mean of covariances, shape (n, 3), starting from `start`; shape (3,).
 
-    Widths that change over the frame have no sharp mode. Weights that fall smoothly with the difference of size and form keep
+    Widths that vary over the frame have no sharp mode. Weights that fall smoothly with the difference in size and form keep
     the mean from jumping as single stars come and go (mean shift, Comaniciu & Meer 2002, IEEE Trans. PAMI 24, 603).
     """
     middle = start
@@ -282,14 +285,14 @@ def _middle(covariance: F8, start: F8) -> F8:
         skew = np.hypot(form[:, 0] - form[:, 2], 2 * form[:, 1]) / np.sqrt(size * own)
         weight = np.exp(-0.5 * (np.log(size / own) ** 2 + skew**2) / _RANGE**2)
         total = float(weight.sum())
-        if total < 1.0:  # less than one star is near: streaks of many directions, of which the median is none
+        if total < 1.0:  # less than one star is near: streaks of many directions, whose median is none of them
             return start
         middle = np.asarray(weight @ covariance / total)
     return middle
 
 
 def _robust_fit(terms: F8, covariance: F8, begun: Mask) -> F8:
-    """Fit the polynomial to the covariances, shape (n, 3), that agree with it, from those of `begun` on."""
+    """Fit the polynomial to the covariances, shape (n, 3), that agree with it, starting from those in `begun`."""
     kept = begun
     coefficients = np.zeros((6, 3))
     for _ in range(6):
@@ -304,7 +307,7 @@ def _robust_fit(terms: F8, covariance: F8, begun: Mask) -> F8:
 
 
 def _tolerance(covariance: F8) -> F8:
-    """Difference up to which covariances agree, shape (n,): they were measured under the Gaussian laid over them."""
+    """Return the difference up to which covariances agree, shape (n,); it includes the Gaussian they were convolved with."""
     return np.asarray(_AGREEMENT * (covariance[:, 0] + covariance[:, 2] + _SMOOTHED))
 
 
@@ -313,7 +316,7 @@ def _near(covariance: F8, middle: F8, factor: float) -> Mask:
 
 
 def _largest_agreement(covariance: F8) -> Mask:
-    """Tell which covariances agree with the one that most agree with: stars are alike, particles' tracks are not."""
+    """Return which covariances agree with the one that most others agree with: stars are alike, particle tracks are not."""
     from scipy.spatial.distance import cdist
 
     apart = cdist(covariance, covariance, "cityblock")
@@ -322,7 +325,7 @@ def _largest_agreement(covariance: F8) -> Mask:
 
 
 def _streaks(covariance: F8, agreeing: Mask) -> bool:
-    """Whether more than half agree, and are streaks: no few things by chance are long alike."""
+    """Return whether more than half agree and are streaks; a few sources are not equally long by chance."""
     large, small = axes(covariance[agreeing])
     return bool(2 * agreeing.sum() > len(agreeing) and agreeing.sum() >= _LEAST_AGREEING and (large > 4 * small).all())
 
@@ -332,7 +335,7 @@ def _enough(agreeing: Mask) -> bool:
 
 
 def median(values: F8) -> float:
-    """Median of some numbers; that of NumPy takes many times as long."""
+    """Return the median of a few numbers; NumPy's takes many times as long."""
     middle = len(values) // 2
     ordered = np.partition(values, (middle - 1, middle))
     return float(ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2)

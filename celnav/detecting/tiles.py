@@ -1,7 +1,7 @@
-"""Tiles of an image: robust levels of samples of each, smoothed, and interpolated to every pixel.
+"""Tiles of an image: robust levels of samples of each tile, smoothed and interpolated to every pixel.
 
-What a tile says depends on its own pixels and those of its neighbours alone, so that what lies outside the sky, or is
-masked, changes nothing farther away.
+The values of a tile depend only on its own pixels and those of its neighbours, so areas outside the sky, or masked ones,
+change nothing farther away.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Value = TypeVar("Value", bound=np.generic)
 
 # Samples along each side of a tile: the mean of 144 pixels is good to 8 % of the noise.
 SAMPLES = 12
-# A tile is known from as many samples; with fewer it takes the values of the nearest one that is.
+# Least number of samples for the values of a tile; with fewer, it takes those of the nearest tile that has them.
 _FEWEST = 12
 
 
 class PixelMap(Protocol):
-    """Values of all pixels that are computed where they are asked for."""
+    """Values of all pixels, computed on demand."""
 
     def strip(self, top: int, bottom: int) -> F4:
         """Values of the rows from `top` to `bottom`, shape (bottom - top, width)."""
@@ -45,7 +45,7 @@ class Tiles:
     Attributes
     ----------
     row_edges, column_edges : ndarray
-        Where tiles begin and end, shapes (rows + 1,) and (columns + 1,); between pixels where sizes do not divide.
+        Borders of the tiles, shapes (rows + 1,) and (columns + 1,); between pixels if the sizes are not divisible.
     """
 
     row_edges: F8
@@ -58,23 +58,23 @@ class Tiles:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of tiles."""
+        """Number of rows and columns of tiles."""
         return len(self.row_edges) - 1, len(self.column_edges) - 1
 
     @cached_property
     def both(self) -> tuple[Tiles, Tiles]:
-        """The grid, and the one that lies half a tile further.
+        """The grid, and one that is shifted by half a tile.
 
-        A mean over both (`mean_map`) hardly depends on where the tiles fall on clouds, and so on what is cut off or added.
+        A mean over both (`mean_map`) hardly depends on the position of tiles relative to clouds, and so on cropping.
         """
         return self, Tiles(_half_further(self.row_edges), _half_further(self.column_edges))
 
     def pairs(self, image: NDArray[Value]) -> NDArray[Value]:
-        """Sample every tile, shape (tiles, 144): neighbours two by two, for the sake of colour mosaics."""
+        """Sample every tile, shape (tiles, 144), in blocks of two by two neighbours, because of colour mosaics."""
         return self._sampled(image, paired=True)
 
     def spread_samples(self, image: NDArray[Value]) -> NDArray[Value]:
-        """Sample every tile, shape (tiles, 144), at even distances."""
+        """Sample every tile, shape (tiles, 144), at equal distances."""
         return self._sampled(image, paired=False)
 
     def spread_samples_of(self, values: PixelMap) -> F4:
@@ -87,7 +87,7 @@ class Tiles:
 
     @cached_property
     def _places(self) -> dict[bool, tuple[NDArray[np.int_], NDArray[np.int_]]]:
-        """Rows and columns of the samples: of `spread_samples` (False), and of `pairs` (True)."""
+        """Rows and columns of the samples, for `spread_samples` (False) and for `pairs` (True)."""
         edges = self.row_edges, self.column_edges
         return {
             paired: (_places(edges[0], paired).ravel(), _places(edges[1], paired).ravel()) for paired in (False, True)
@@ -98,14 +98,14 @@ class Tiles:
         return tiled.reshape(self.shape[0] * self.shape[1], SAMPLES * SAMPLES)
 
     def filled(self, values: F4, number: NDArray[np.int_]) -> F4:
-        """Arrange values of the tiles, shape (tiles,), as a grid; those of too few samples become their nearest neighbour's.
+        """Arrange values of the tiles, shape (tiles,), as a grid; tiles with too few samples get their nearest neighbour's.
 
         Parameters
         ----------
         values : ndarray, shape (tiles,)
-            One for each tile; what is not finite counts as unknown.
+            One value for each tile; those that are not finite count as unknown.
         number : ndarray of int, shape (tiles,)
-            Samples that each comes from.
+            Number of samples that each value comes from.
         """
         known = (np.isfinite(values) & (number >= _FEWEST)).reshape(self.shape)
         if not known.any():
@@ -121,7 +121,7 @@ class Tiles:
         return np.asarray(grid[tuple(nearest)])
 
     def same_value(self, image: NDArray[Value]) -> Mask:
-        """Tell in which tiles all samples of `pairs` have one value, shape (tiles,)."""
+        """Return in which tiles all samples of `pairs` have the same value, shape (tiles,)."""
         rows, columns = self._places[True]
         first = image[rows[::SAMPLES]].take(columns, axis=1).reshape(*self.shape, SAMPLES)
         if not (first == first[..., :1]).all(axis=2).any():
@@ -130,12 +130,12 @@ class Tiles:
         return np.asarray((samples == samples[:, :1]).all(axis=1))
 
     def map_of(self, grid: F4, extrapolated: bool = True) -> TileMap:
-        """Return the map between the tiles' centres of a grid of values; beyond the outer ones a line, or constant."""
+        """Return a map that interpolates a grid of values between the tiles' centres; linear or constant beyond these."""
         return TileMap(np.asarray(grid, dtype=np.float32), *self._axes[extrapolated])
 
     @cached_property
     def _axes(self) -> dict[bool, tuple[_Between, _Between]]:
-        """Between which tiles pixels lie, along columns and rows: of maps that are extrapolated, or not."""
+        """Positions of pixels between tiles, along columns and rows, for maps that are extrapolated or not."""
         edges = self.row_edges, self.column_edges
         rows, columns = (
             [_Between(_middles(each), round(float(each[-1])), beyond) for beyond in (False, True)] for each in edges
@@ -151,7 +151,7 @@ def _tiles_of(height: int, width: int, tile_px: int) -> Tiles:
 
 @dataclass(frozen=True, eq=False)
 class TileMap:
-    """A grid of values interpolated linearly to pixels, as they are asked for: a whole map would pass through the memory.
+    """A grid of values, interpolated linearly to pixels on demand, because a whole map would not stay in the cache.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class TileMap:
 
     @cached_property
     def _across(self) -> F4:
-        """The values at the tiles' rows and all columns of the image."""
+        """Values at the rows of tile centres and all columns of the image."""
         return _between(self.grid.T, self._columns.left, self._columns.part).T.copy()
 
     def strip(self, top: int, bottom: int) -> F4:
@@ -179,9 +179,9 @@ class TileMap:
         return np.asarray(weights @ self._across[first : last + 1])
 
     def least(self, pieces: list[tuple[int, int]]) -> F4:
-        """Return for strips, from a row to before another, and each column, a bound that no value is below.
+        """Return a lower bound of the values for each strip (first row, row after the last) and each column.
 
-        Of a map that is not extrapolated; shape (strips, width).
+        The map must not be extrapolated; shape (strips, width).
         """
         left, across = self._rows.left, self._across
         begin, end = np.array(pieces).T
@@ -211,7 +211,7 @@ class TileMap:
 
 
 def mean_map(maps: Sequence[TileMap]) -> TileMap:
-    """Mean of maps of one image: a map over the centres of all of their tiles, which is exact."""
+    """Return the mean of maps of one image, as a map over the centres of all their tiles, which is exact."""
     rows, of_rows = _joined(*(each._rows for each in maps))
     columns, of_columns = _joined(*(each._columns for each in maps))
     grids = [
@@ -222,10 +222,10 @@ def mean_map(maps: Sequence[TileMap]) -> TileMap:
 
 
 def smooth(grid: F4) -> F4:
-    """Return 3 x 3 medians of grids of tiles, shape (..., rows, columns); beyond the border the outermost ones are repeated.
+    """Return 3 x 3 medians of grids of tiles, shape (..., rows, columns); beyond the border, the outermost are repeated.
 
-    Each is the median of three: the highest of the columns' lowest values, the median of their medians, and the lowest of
-    their highest.
+    Each is the median of three values: the highest of the columns' lowest values, the median of their medians, and the
+    lowest of their highest values.
     """
     rows, columns = grid.shape[-2:]
     wide = np.empty((*grid.shape[:-2], rows + 2, columns + 2), dtype=np.float32)
@@ -240,23 +240,23 @@ def smooth(grid: F4) -> F4:
 
 
 def _in_order(a: F4, b: F4, c: F4) -> tuple[F4, F4, F4]:
-    """Lowest, middle and highest of three."""
+    """Return the lowest, middle and highest of three."""
     low, high = np.minimum(a, b), np.maximum(a, b)
     return np.minimum(low, c), np.maximum(low, np.minimum(high, c)), np.maximum(high, c)
 
 
 def _half_further(edges: F8) -> F8:
-    """Edges in the middles of tiles; one tile alone stays."""
+    """Return edges at the centres of tiles; a single tile stays unchanged."""
     if len(edges) == 2:
         return edges
     return np.concatenate((edges[:1], (edges[:-1] + edges[1:]) / 2, edges[-1:]))
 
 
 def _places(edges: F8, paired: bool) -> NDArray[np.int_]:
-    """Pixels along one axis that are sampled in each tile, shape (tiles, samples): the same from either end of the image."""
+    """Return the sampled pixels of each tile along one axis, shape (tiles, samples), symmetric under image reversal."""
     begin, size, side = edges[:-1, None], np.diff(edges)[:, None], round(float(edges[-1]))
     k = np.arange(SAMPLES)[None, :]
-    # A ten thousandth, so that rounding of whole numbers decides nothing.
+    # An offset of a ten-thousandth keeps rounding errors from deciding between whole numbers.
     if paired:
         first = begin + (k // 2) * (size * 2 / SAMPLES) + 1e-4
         places = np.minimum(first.astype(np.int_), side - 2) + k % 2
@@ -268,7 +268,7 @@ def _places(edges: F8, paired: bool) -> NDArray[np.int_]:
 
 @dataclass(frozen=True, eq=False)
 class _Between:
-    """Between which centres of tiles the pixels along an axis lie: the one before, and how far from it to the next."""
+    """Positions of the pixels along an axis between tile centres: the centre before, and the fraction to the next."""
 
     centres: F8
     pixels: int
@@ -289,7 +289,7 @@ class _Between:
 
 @lru_cache(maxsize=16)
 def _joined(*axes: _Between) -> tuple[_Between, list[tuple[NDArray[np.intp], F4]]]:
-    """Join axes to one with the centres of all; and between which centres of each these lie."""
+    """Join axes into one with the centres of all; also return where these are between the centres of each axis."""
     centres = np.unique(np.concatenate([axis.centres for axis in axes]))
     return replace(axes[0], centres=centres), [_within(axis.centres, centres, axis.extrapolated) for axis in axes]
 
@@ -299,7 +299,7 @@ def _middles(edges: F8) -> F8:
 
 
 def _within(centres: F8, at: NDArray[np.number], extrapolated: bool) -> tuple[NDArray[np.intp], F4]:
-    """Find the centre before each place, and the part of the way to the next, shapes (n,)."""
+    """Return the centre before each position, and the fraction of the way to the next, shapes (n,)."""
     if len(centres) == 1:
         return np.zeros(len(at), dtype=np.intp), np.zeros(len(at), dtype=np.float32)
     left = np.clip(np.searchsorted(centres, at) - 1, 0, len(centres) - 2)
@@ -308,7 +308,7 @@ def _within(centres: F8, at: NDArray[np.number], extrapolated: bool) -> tuple[ND
 
 
 def _between(values: F4, left: NDArray[np.intp], part: F4) -> F4:
-    """Interpolate rows, shape (n, k), to places between them, shape (m, k)."""
+    """Interpolate rows, shape (n, k), at positions between them, shape (m, k)."""
     between = values.take(left, axis=0)
     between *= (1 - part)[:, None]
     after = values.take(np.minimum(left + 1, len(values) - 1), axis=0)

@@ -25,27 +25,27 @@ def identify_at_focal_lengths(
     effort: Effort,
     share: float,
 ) -> Identified:
-    """Find the orientation with the camera as it is given, and, where none is found, with other focal lengths in turn.
+    """Find the orientation with the camera as supplied and, if that fails, with other focal lengths in turn.
 
-    A last known position is searched first, with `SearchConfig.near_share` of the effort. What the whole sky shows after
-    that may contradict it: that is for the caller to judge.
+    The neighbourhood of a last known position is searched first, with `SearchConfig.near_share` of the effort. The whole
+    sky, searched after that, may contradict it; the caller must judge that.
 
     Parameters
     ----------
     question, index, config
-        As of `identify`, which tolerates a focal length that is off by 6 %.
+        As for `identify`, which tolerates a focal length that is off by 6 %.
     factors : iterable of float
-        On the focal length. They count only where detections are in order of brightness: without one the search is
-        several times as long.
+        Factors on the focal length. They are used only if detections are ordered by brightness; without an order, the
+        search takes several times as long.
     effort : Effort
-        What all searches together may spend; their bounds of chance count what all have tried.
+        Budget of all searches together; their false-alarm bounds count what all of them have tried.
     share : float
-        Part of the effort that is kept for each of the factors.
+        Fraction of the effort that is reserved for each factor.
 
     Returns
     -------
     Identified
-        Detections are the rows of the question, and the factor `log_f` is on the focal length of its camera.
+        Detections are rows of the question, and `log_f` is relative to the focal length of its camera.
     """
     if question.near is not None:
         effort.allow(config.near_share * effort.max_work)
@@ -79,7 +79,7 @@ def identify_at_focal_lengths(
 def _identify_as_told(
     question: Question, index: SkyIndex, config: SearchConfig, effort: Effort, work: int
 ) -> Identified:
-    """Search with the attitude as it is told, where hypotheses come from it, and then, for a mount that moved, without it."""
+    """Search with the supplied attitude if hypotheses come from it, and then without it, in case the mount has moved."""
     begun = effort.work
     if question.local is not None:
         effort.allow(config.told_share * work)
@@ -92,7 +92,7 @@ def _identify_as_told(
 
 
 def _with_focal_length(question: Question, factor: float) -> tuple[Question, NDArray[np.intp]]:
-    """Scale the camera's focal length; also the rows of the detections that such a camera can have."""
+    """Scale the camera's focal length; also return the rows of the detections that such a camera can produce."""
     given = question.camera
     camera = replace(given, f_px=given.f_px * factor, fy_px=given.fy_px * factor)
     rays = camera.to_rays(question.uv)

@@ -1,8 +1,8 @@
-"""From detections to the orientation of the camera: stages of ever more, and ever looser, hypotheses.
+"""From detections to the orientation of the camera, in stages with more and looser hypotheses.
 
-The first stages look at a few bright detections and expect half a pixel of noise; later ones take more detections
-(clutter may be brighter than the stars) and more noise (or a focal length that is off). The first hypothesis whose
-false-alarm bound passes ends the search; so does the effort, of which every batch of hypotheses takes a known part.
+The first stages use a few bright detections and expect half a pixel of noise; later ones allow more detections (clutter may
+be brighter than the stars) and more noise (or a wrong focal length). The search ends with the first hypothesis whose
+false-alarm bound passes, or when the effort is spent; every batch of hypotheses takes a known part of it.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ class Identified:
     Attributes
     ----------
     alignment : Alignment or None
-        The orientation (ICRS to camera) that passes.
+        The accepted orientation (ICRS to camera).
     rival : Alignment or None
-        Another one that passes too, and explains half as many detections or more.
+        Another orientation that passes too, and explains at least half as many detections.
     effort : Effort
-        Work spent on it.
+        Effort spent on the search.
     """
 
     alignment: Alignment | None
@@ -69,7 +69,7 @@ class _Order:
     rows : ndarray, shape (n,)
         Rows of the question.
     ranked : bool
-        Whether the order is taken for one of brightness.
+        Whether the order is assumed to be one of brightness.
     """
 
     rows: NDArray[np.intp]
@@ -78,20 +78,20 @@ class _Order:
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """Hypotheses that are scored together.
+    """A batch of hypotheses that are scored together.
 
     Attributes
     ----------
     rotations : ndarray of float32, shape (h, 3, 3)
         Camera to sky.
     stage : Stage
-        Where they come from.
+        Stage that they come from.
     view : View
         Detections that score them.
     n_stars : float
-        Stars of the whole sky that compete for those detections.
+        Number of stars of the whole sky that compete for those detections.
     passed_over : int
-        Hypotheses that the last known position excluded.
+        Number of hypotheses that the last known position excluded.
     """
 
     rotations: F4
@@ -102,11 +102,11 @@ class _Batch:
 
 
 def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: Effort) -> Identified:
-    """Find the orientation that explains the detections, and whether another does about as well.
+    """Find the orientation that explains the detections, and whether another one explains them about as well.
 
-    `effort` is charged with the work; the hypotheses that it counts of earlier searches enter the bound of chance.
+    The work is charged to `effort`; the hypotheses that it has counted in earlier searches enter the false-alarm bound.
     """
-    # A part is kept for the rival: a hypothesis that is found last must not pass unexamined.
+    # A part is reserved for the rival, so that even a hypothesis found last is compared with others.
     kept = config.kept_for_rival(effort.max_work)
     effort.limit = min(effort.limit, effort.max_work - kept)
     search = _Search(question, index, config, effort)
@@ -125,7 +125,7 @@ def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """One search: a question, the tables of the sky, the choices, and the effort."""
+    """One search: a question, the tables of the sky, the configuration, and the effort."""
 
     question: Question
     index: SkyIndex
@@ -134,12 +134,12 @@ class _Search:
 
     @property
     def per_field(self) -> float:
-        """How many fields of the camera make up the sky."""
+        """Number of fields of the camera that make up the sky."""
         return 4 * math.pi / self.question.solid_angle_sr
 
     @property
     def made_of(self) -> int:
-        """Detections that a hypothesis is made of."""
+        """Number of detections that a hypothesis is made of."""
         return 2 if self.question.local is None else 1
 
     def run(self) -> tuple[Alignment | None, NDArray[np.intp]]:
@@ -147,7 +147,8 @@ class _Search:
 
         Returns
         -------
-        The hypothesis that passes, with rows of the question, and the rows that verified it.
+        Alignment or None, ndarray
+            The accepted hypothesis, with rows of the question, and the rows that verified it.
         """
         orders = self._orders()
         limit, begun = self.effort.limit, self.effort.work
@@ -160,22 +161,22 @@ class _Search:
                     break
                 found = self._judge(batch, order)
                 if found is not None:
-                    # Rows of the detections, whatever the order in which they were tried.
+                    # Convert to rows of the detections, whatever the order in which they were tried.
                     return replace(found, detection=order.rows[found.detection]), order.rows[: self.config.verified]
         return None, orders[0].rows[:0]
 
     def rival(self, found: Alignment, rest: NDArray[np.intp]) -> Alignment | None:
-        """Look for another orientation among the detections `rest` that the one found leaves unexplained.
+        """Look for another orientation among the detections `rest` that the accepted one leaves unexplained.
 
-        Two exposures in one frame, a reflection, or a wrong hypothesis that passed would show here.
+        This reveals two exposures in one frame, a reflection, or a wrong hypothesis that passed.
         """
         least = max(self.config.least_rival, self.config.rival_share * len(found.detection))
         if len(rest) < least:
             return None
         mag = None if self.question.mag is None else self.question.mag[rest]
         others = replace(self.question, uv=self.question.uv[rest], rays=self.question.rays[rest], mag=mag)
-        # Its bound of chance counts what it tries itself. A deadline does not stop it: it is short, and an orientation
-        # that was not compared with others must not be given out.
+        # The false-alarm bound of this search counts only its own trials. A deadline does not stop it: it is short, and an
+        # orientation that was not compared with others must not be returned.
         effort = Effort(self.effort.limit - self.effort.work)
         rival, _ = replace(self, question=others, effort=effort).run()
         self.effort.work += effort.work
@@ -188,9 +189,9 @@ class _Search:
         return replace(rival, detection=rest[rival.detection])
 
     def _orders(self) -> list[_Order]:
-        """Orders to try: as given (brightest first); without fluxes also one that spreads over all detections.
+        """Return the orders to try: as given (brightest first); without fluxes, also one that spreads over all detections.
 
-        Where lights crowd near the horizon, those above it come first.
+        If lights crowd near the horizon, the detections above them come first.
         """
         question = self.question
         bright = np.arange(min(len(question.uv), 300))
@@ -203,7 +204,7 @@ class _Search:
             orders.insert(0, _Order(rows[high], True))
         n = len(rows)
         if not question.ranked and n > 12:
-            # A multiplicative step coprime to n visits every detection once, far from where it was.
+            # A step coprime to n visits every detection once, and puts it far from its place in the given order.
             step = next(k for k in range(int(0.618 * n), n + 2) if math.gcd(k, n) == 1)
             orders.append(_Order(rows[(np.arange(n) * step) % n], False))
         return orders
@@ -227,7 +228,7 @@ class _Search:
                 yield _Batch(rotations, stage, view, in_field * self.per_field, passed_over)
 
     def _gathered(self, made: Iterator[tuple[F4, int]]) -> Iterator[tuple[F4, int]]:
-        """Join what a last known position leaves of hypotheses to batches of the usual size."""
+        """Join the hypotheses that a last known position leaves into batches of the usual size."""
         if self.question.near is None:
             yield from made
             return
@@ -244,7 +245,7 @@ class _Search:
             yield np.concatenate(parts), passed_over
 
     def _paired_stars(self, stage: Stage, view: View, order: _Order) -> float:
-        """Stars of the whole sky among which those of the brightest detections are."""
+        """Return the number of stars of the whole sky among which those of the brightest detections are expected."""
         bright = min(stage.bright, len(view.rays))
         config = self.config
         in_field = config.paired_depth * bright if order.ranked else config.unordered_paired_depth * len(order.rows)
@@ -253,7 +254,7 @@ class _Search:
     def _from_pairs(
         self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]
     ) -> Iterator[tuple[F4, int]]:
-        """Yield rotations of the stage's pairs of detections, and how many the last known position excludes.
+        """Yield rotations from the stage's pairs of detections, and how many the last known position excludes.
 
         `done` holds the pairs of earlier stages, and is extended.
         """
@@ -266,10 +267,10 @@ class _Search:
         if not len(pairs):
             return
         done.update((stage.sigma_px, int(i), int(j)) for i, j in pairs)
-        # Without a vertical refraction is in the positions: it shortens separations of stars above 20 deg by 0.25 % at most,
-        # and by no more than 0.03 deg.
+        # Without a vertical, refraction remains in the positions: it shortens separations of stars above 20 deg by at most
+        # 0.25 %, and by no more than 0.03 deg.
         slack = (5e-5, 0.0) if self.question.up is not None else (5e-5, 2.5e-3)
-        # The deeper the level, the more stars fit a pair: then fewer pairs of detections make a batch.
+        # The deeper the level, the more stars fit a pair, and the fewer pairs of detections go into a batch.
         window = 14 * stage.sigma_px * float(view.radians_per_px[:bright].max())
         fitting = 2 * len(level.first) * min(1.0, window / level.pair_limit_rad)
         at_once = int(np.clip(config.hypotheses_at_once / fitting, 1, config.pairs_at_once))
@@ -283,14 +284,14 @@ class _Search:
     def _from_single_stars(
         self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]
     ) -> Iterator[tuple[F4, int]]:
-        """Yield rotations of the stage's detections, each laid on all stars, and 0; `done` as for pairs."""
+        """Yield rotations from the stage's detections, each matched with all stars, and 0; `done` as for pairs."""
         local, to_terrestrial = self.question.local, self.question.celestial_to_terrestrial
         assert local is not None
         stars = self.index.xyz[: self.index.at_least(self._paired_stars(stage, view, order)).n] @ to_terrestrial.T
         bright = min(stage.bright, len(view.rays))
         fresh = np.array([i for i in range(bright) if (stage.sigma_px, i, i) not in done], dtype=np.intp)
         done.update((stage.sigma_px, int(i), int(i)) for i in fresh)
-        # A star may stand in a direction at two latitudes.
+        # A star may be in a given direction at two latitudes.
         at_once = max(1, 2 * self.config.hypotheses_at_once // (2 * len(stars)))
         for start in range(0, len(fresh), at_once):
             rays = view.rays[fresh[start : start + at_once]].astype(np.float64)
@@ -302,7 +303,7 @@ class _Search:
         return self.config.first_look if self.question.local is None else self.config.first_look_singles
 
     def _verification(self, order: _Order, view: View) -> tuple[NDArray[np.intp], int]:
-        """Rows of the detections that verify a hypothesis, and how many of the sky's stars they may be."""
+        """Return the rows of the detections that verify a hypothesis, and among how many stars of the sky they may be."""
         verified = order.rows[: max(self.config.verified, len(view.rays))]
         in_field = (
             self.config.verified_depth * len(verified)
@@ -312,7 +313,7 @@ class _Search:
         return verified, int(min(max(in_field, 30) * self.per_field, len(self.index.xyz)))
 
     def _finest_rad(self, order: _Order, number: int) -> float:
-        """Smallest scale of a pixel among those of the first detections of an order, as many as verify a hypothesis."""
+        """Return the smallest pixel scale at the first `number` detections of an order, which verify a hypothesis."""
         key = order, number
         if key not in self._finest:
             uv = self.question.uv[order.rows[:number]]
@@ -321,7 +322,7 @@ class _Search:
 
     @cached_property
     def _finest(self) -> dict[tuple[_Order, int], float]:
-        """What `_finest_rad` has found: through a distorting lens it takes as long as a verification."""
+        """Cache of `_finest_rad`, which takes as long as a verification if the lens has distortion."""
         return {}
 
     def _verification_work(self, order: _Order, view: View) -> int:
@@ -329,7 +330,7 @@ class _Search:
         return VERIFICATION_WORK + VERIFIED_PAIR_WORK * int(len(verified) * n_stars / self.per_field)
 
     def _work(self, batch: _Batch, order: _Order) -> int:
-        """Most work that `_judge` may take."""
+        """Return the largest work that `_judge` may take."""
         n = len(batch.rotations)
         scoring = scoring_work(n, len(batch.view.rays), self._first_look())
         candidates = min(self.config.candidates, n)
@@ -351,7 +352,7 @@ class _Search:
         best, scores = best_hypotheses(
             batch.rotations, view, tolerance, level, self.index, config.candidates, self._first_look()
         )
-        # What chance scores: half the probability that a star lies within the tolerance, for each detection.
+        # Expected score by chance: half the probability that a star is within the tolerance, for each detection.
         by_chance = float(np.sum(np.minimum(1.0, level.n * (tolerance * view.radians_per_px) ** 2 / 4))) / 2
         least = by_chance + config.chance_sigmas * math.sqrt(by_chance) + 1.0
         half = 0.5 * len(view.rays)
@@ -386,7 +387,7 @@ class _Search:
 
 
 def _median_of_known(values: F8) -> float:
-    """Median of the values that are not NaN; NaN where all are."""
+    """Median of the values that are not NaN; NaN if all are."""
     known = np.sort(values)  # NaN come last
     n = len(values) - int(np.isnan(values).sum())
     return float(known[(n - 1) // 2] + known[n // 2]) / 2 if n else math.nan

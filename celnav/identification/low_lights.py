@@ -1,6 +1,6 @@
 """Lights near the horizon: windows, lamps and roofs crowd where the air leaves the fewest stars.
 
-Where detections are denser below 20 deg of altitude than above, the higher ones are searched by themselves first.
+If detections are denser below 20 deg of altitude than above, the higher ones are first searched on their own.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from celnav.camera import Camera
 F8 = NDArray[np.float64]
 
 LOW_DEG = 20.0
-# As many detections above are needed, and the density below has to be so many times theirs, by so many standard deviations.
+# Least number of detections above and below; least ratio of the densities below and above; significance of the excess.
 _FEWEST, _DENSER, _SIGMAS = 4, 2.0, 3.0
 _GRID = 48
 
 
 def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp] | None:
-    """Rows of the detections above the low sky, where that is crowded; None where it is not, or no vertical is known.
+    """Return the rows of the detections above the low sky if that is crowded; None if not, or if no vertical is known.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp]
     area_low = float(weight[~above].sum())
     if not area_high > 0 or not area_low > 0:
         return None
-    # As many as the sky above would have there, Poisson's scatter of both counts.
+    # Compare with the number expected from the density above, allowing for the Poisson scatter of both counts.
     expected = _DENSER * len(high) * area_low / area_high
     crowded = n_low - expected > _SIGMAS * math.sqrt(n_low + expected * expected / len(high))
     return high if crowded else None
@@ -54,7 +54,7 @@ def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp]
 
 @lru_cache(maxsize=8)
 def _over_the_frame(camera: Camera) -> tuple[F8, F8]:
-    """Directions all over the frame, shape (n, 3), and the solid angle of a pixel at each, shape (n,)."""
+    """Return directions all over the frame, shape (n, 3), and the solid angle of a pixel at each, shape (n,)."""
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID))
     places = np.column_stack((u.ravel(), v.ravel()))
     seen = camera.to_rays(places)

@@ -1,7 +1,7 @@
-"""What a last known position says about the sky: which stars can stand where a detection is.
+"""Constraints from a last known position: which stars each detection can be.
 
-A place near the one known has its zenith near the one known, so that a star's distance from that zenith is nearly the
-detection's distance from the vertical. Where the heading is known as well, so nearly is the star's direction.
+A place near the known one has its zenith near the known zenith, so a star's distance from that zenith is nearly the
+detection's distance from the vertical. If the heading is known as well, the star's direction is also nearly known.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from celnav.problem import LastKnown
 from celnav.sky.astrometry import enu_rotation
 from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
-# Standard deviations of the attitude within which it is believed.
+# Number of its standard deviations within which the attitude is trusted.
 BELIEVED_SIGMAS = 4.0
-# Added to every limit: refraction and noise of a raw hypothesis, radians.
+# Margin of every limit for refraction and for the noise of a raw hypothesis, radians.
 SLACK_RAD = math.radians(0.3)
-# Beyond it the directions that the heading allows are no restriction worth its cost.
+# If the heading allows directions beyond this, the restriction is not worth its cost.
 WIDEST_RAD = math.radians(60.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """The zeniths, and the orientations, that a last known position leaves.
+    """The zeniths and orientations that a last known position allows.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class Neighbourhood:
     up : ndarray, shape (3,)
         The vertical in the camera frame.
     radius_rad : float
-        How far the true zenith may be from `zenith`, the uncertainty of the vertical included.
+        Largest distance of the true zenith from `zenith`, including the uncertainty of the vertical.
     camera_to_sky : ndarray, shape (3, 3), or None
-        Orientation of a camera of the heading given at that position; None where the heading is unknown.
+        Orientation of a camera with the supplied heading at that position; None if the heading is unknown.
     reach_rad : float
-        How far a star may stand from the direction that this orientation gives.
+        Largest distance of a star from the direction that this orientation gives.
     region : Region
-        Orientations left open.
+        Orientations that remain possible.
     """
 
     zenith: F8
@@ -56,7 +56,7 @@ class Neighbourhood:
     region: Region
 
     def allowed(self, rays: F4, stars: F4) -> NDArray[np.bool_]:
-        """Tell which stars, shape (n, 3), may be which rays, shape (m, 3); shape (m, n)."""
+        """Return which stars, shape (n, 3), may be which rays, shape (m, 3); shape (m, n)."""
         of_star = np.arccos(np.clip(stars @ self.zenith.astype(np.float32), -1, 1))
         of_ray = np.arccos(np.clip(rays @ self.up.astype(np.float32), -1, 1))
         able = np.abs(of_ray[:, None] - of_star[None, :]) <= self.radius_rad
@@ -65,7 +65,7 @@ class Neighbourhood:
         return np.asarray(able)
 
     def holds(self, rotations: F4) -> NDArray[np.bool_]:
-        """Tell which orientations, camera to sky, shape (h, 3, 3), have their zenith near; shape (h,)."""
+        """Return which orientations, camera to sky, shape (h, 3, 3), have an allowed zenith; shape (h,)."""
         cosine = (rotations @ self.up.astype(np.float32)) @ self.zenith.astype(np.float32)
         return np.asarray(cosine >= math.cos(self.radius_rad))
 
@@ -73,18 +73,18 @@ class Neighbourhood:
 def neighbourhood(
     near: LastKnown, attitude: Attitude, to_terrestrial: F8, *, heading_known: bool
 ) -> Neighbourhood | None:
-    """Say what a last known position allows; None where that is no restriction.
+    """Derive the constraints from a last known position; None if it restricts nothing.
 
     Parameters
     ----------
     near : LastKnown
-        The position, and the radius that holds the answer.
+        The position, and the radius that contains the answer.
     attitude : Attitude
-        The vertical, and the heading where it is known.
+        The vertical, and the heading if known.
     to_terrestrial : ndarray, shape (3, 3)
-        Celestial to terrestrial frame at the instant.
+        Rotation from the celestial to the terrestrial frame at the instant.
     heading_known : bool
-        Whether the attitude is known so well that hypotheses are places.
+        Whether the attitude is known so well that each hypothesis is a position.
     """
     moved = near.radius_km / MEAN_RADIUS_KM
     radius = moved + BELIEVED_SIGMAS * math.radians(attitude.tilt_deg) + SLACK_RAD
@@ -96,7 +96,7 @@ def neighbourhood(
     region = open_region(attitude, 2 * math.pi * (1 - math.cos(radius)), heading_known=heading_known)
     if attitude.kind != "rotation":
         return Neighbourhood(zenith, frame[:, 2], radius, None, math.pi, region)
-    # Meridians converge: north turns by the difference in longitude times the sine of the latitude.
+    # Meridians converge: north rotates by the difference in longitude times the sine of the latitude.
     highest = min(abs(math.radians(near.lat_deg)) + moved, math.pi / 2)
     turn = moved * math.tan(highest) if highest < math.radians(89) else math.pi
     reach = min(radius + turn + BELIEVED_SIGMAS * math.radians(attitude.heading_deg), math.pi)
@@ -104,9 +104,9 @@ def neighbourhood(
 
 
 def open_region(attitude: Attitude | None, zeniths_sr: float = 4 * math.pi, *, heading_known: bool) -> Region:
-    """Measure the orientations that the attitude leaves open where zeniths are those of a solid angle.
+    """Measure the set of orientations that the attitude allows if the zenith is within a given solid angle.
 
-    A heading counts where it is known so well that hypotheses are places; what it leaves open is then added to them.
+    A heading counts only if it is known so well that hypotheses are positions; its uncertainty is then added to them.
     """
     if attitude is None or not heading_known:
         return Region(zeniths_sr * 2 * math.pi, 3)

@@ -1,4 +1,4 @@
-"""Which detections lie near which predicted stars."""
+"""Pairing of detections with nearby predicted stars."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-# Pairs measured together: bounds the memory where both lists are long.
+# Number of pairs measured together, which bounds the memory if both lists are long.
 _PAIRS_AT_ONCE = 2_000_000
 
 
 def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Rows, F8]:
     """Return all pairs of `seen` (n, 2) and `predicted` (k, 2) within a radius, and their distances, shapes (m,).
 
-    Sorted by row of `seen`. The pairs within the radius along u are looked up in sorted order, then measured.
+    The pairs are sorted by row of `seen`. Pairs within the radius along u are looked up in sorted order, then measured.
     """
     order = predicted[:, 0].argsort()
     u, v = predicted[:, 0].take(order), predicted[:, 1].take(order)
     seen_u, seen_v = seen[:, 0].copy(), seen[:, 1].copy()
-    # Looked up in order: at random places a processor guesses wrong which half to go on with.
+    # Look up in sorted order: at random places, the processor mispredicts the branches of the binary search.
     by_u = seen_u.argsort()
     ordered = seen_u.take(by_u)
     first, count = np.empty((2, len(seen)), dtype=np.intp)
@@ -54,22 +54,22 @@ def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Ro
 
 
 def first_of_each(numbers: NDArray[np.integer]) -> Rows:
-    """Where each of some numbers, not negative and small, occurs first, in the order of these places."""
+    """Return the places where each of some small non-negative numbers occurs first, in ascending order."""
     return _is_first(numbers).nonzero()[0]
 
 
 def _is_first(numbers: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Tell where each of some numbers, not negative and small, occurs first."""
+    """Return which entries of an array of small non-negative numbers are the first of their value."""
     if not len(numbers):
         return np.zeros(0, dtype=bool)
     place = np.arange(len(numbers))
     first = np.empty(int(numbers.max()) + 1, dtype=np.intp)
-    first[numbers[::-1]] = place[::-1]  # of values for one place the last stays
+    first[numbers[::-1]] = place[::-1]  # of several values assigned to one place, the last stays
     return np.asarray(first.take(numbers) == place)
 
 
 def nowhere_far_off(predicted: F8) -> F8:
-    """Return positions, shape (n, 2), with those that do not exist (NaN) beyond any frame."""
+    """Return positions, shape (n, 2), with missing ones (NaN) moved beyond any frame."""
     return np.where(np.isnan(predicted), -1e6, predicted)
 
 

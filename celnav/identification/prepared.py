@@ -1,4 +1,4 @@
-"""Detections, camera and attitude as the caller gave them, made ready for the search."""
+"""Preparation of the caller's detections, camera and attitude for the search."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from celnav.sky.refraction import unrefract_rays
 
 F8 = NDArray[np.float64]
 
-# Of streaks: no residual counts more than so many mean squares; by such a factor claims are mended at most.
+# For streaks: a squared residual counts as at most this many times the mean square, and the ratio of the stated standard
+# deviations along and across is corrected by at most this factor.
 _MOST_SQUARE, _MOST_RATIO = 9.0, 6.0
-# Below what any observer in the air sees: the horizon's dip is 3.2 deg at 10 km.
+# Lower than any observer in the air can see: the dip of the horizon is 3.2 deg at 10 km.
 LOWEST_ALTITUDE_DEG = -5.0
 _BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Usable detections in the solver's order; of streaks what makes their errors alike in all directions (`whitening`)."""
+    """Usable detections in the solver's order; for streaks, `whitening` makes their errors isotropic."""
 
     rows: NDArray[np.intp]
     uv: F8
@@ -37,16 +38,16 @@ class Prepared:
     whitening: F8 | None = None
 
     def rebalanced(self, residual: F8, rows: NDArray[np.intp], weight: F8) -> Prepared:
-        """The same with standard deviations along and across streaks in the ratio that residuals have.
+        """Return a copy with standard deviations along and across streaks in the ratio of the residuals.
 
         Parameters
         ----------
         residual : ndarray, shape (m, 2)
             Measured minus predicted, px.
         rows : ndarray, shape (m,)
-            Their detections.
+            Rows of their detections.
         weight : ndarray, shape (m,)
-            Probabilities that they are those stars.
+            Probabilities that the detections are those stars.
         """
         if self.whitening is None:
             return self
@@ -56,7 +57,7 @@ class Prepared:
         return replace(self, whitening=self.whitening * np.array([[ratio**-0.5], [ratio**0.5]]))
 
     def weighed(self, sigmas: F8) -> Prepared:
-        """The same with other standard deviations up to a factor, shape (n,); of streaks along and across in proportion."""
+        """Return a copy with other relative standard deviations, shape (n,); streaks keep their ratio of along to across."""
         white = self.whitening
         if white is not None and self.relative_sigma is not None:
             ratio = self.relative_sigma / sigmas
@@ -65,18 +66,18 @@ class Prepared:
 
 
 def prepare(problem: Problem, to_terrestrial: F8, max_detections: int, single_star_sigma_deg: float) -> Prepared:
-    """Sort detections by brightness, take refraction off, and put together what the search needs.
+    """Sort detections by brightness, remove refraction, and assemble the inputs of the search.
 
     Parameters
     ----------
     problem : Problem
-        As the caller gave it.
+        The problem as posed by the caller.
     to_terrestrial : ndarray, shape (3, 3)
-        Celestial to terrestrial frame at the instant.
+        Rotation from the celestial to the terrestrial frame at the instant.
     max_detections : int
-        Fainter detections beyond this many are left out.
+        Largest number of detections; fainter ones are left out.
     single_star_sigma_deg : float
-        With a heading and a tilt better than this, hypotheses come from single stars.
+        If heading and tilt are known better than this, hypotheses come from single stars.
     """
     seen, attitude = problem.observation, problem.attitude
     camera = seen.camera
@@ -94,11 +95,11 @@ def prepare(problem: Problem, to_terrestrial: F8, max_detections: int, single_st
         local = frame if known else None
         if problem.weather.pressure_hpa > 0:
             true = unrefract_rays(rays, up, problem.weather.pressure_hpa, problem.weather.temperature_c)
-            # No star is seen below the horizon. Where the vertical is wrong they can be named, and contradict it.
+            # No star is visible below the horizon. If the vertical is wrong, these can be identified and then contradict it.
             below = rays @ up < _BELOW_HORIZON
             true[below] = rays[below]
             moved = camera.project(true)
-            # At the very edge of a lens's range the unrefracted ray may have no image.
+            # At the very edge of a lens's range, the ray without refraction may have no image.
             usable = np.isfinite(moved[:, 0])
             rows, uv, rays = rows[usable], moved[usable], true[usable]
         if problem.near is not None:
@@ -116,9 +117,9 @@ def prepare(problem: Problem, to_terrestrial: F8, max_detections: int, single_st
 
 
 def whitening(seen: Observation, rows: NDArray[np.intp]) -> F8 | None:
-    """Return matrices that make errors of detections alike in all directions and equal but for a factor, shape (n, 2, 2).
+    """Return matrices, shape (n, 2, 2), that make the errors of detections isotropic and equal up to a common factor.
 
-    Along a streak a position is known less well than across it. None where nothing says so.
+    Along a streak, a position is known less well than across it. None if no detection has a streak.
     """
     if seen.streak_px is None or seen.sigma_px is None or seen.sigma_across_px is None:
         return None
@@ -131,11 +132,11 @@ def whitening(seen: Observation, rows: NDArray[np.intp]) -> F8 | None:
 
 
 def _seen_part(camera: Camera) -> float:
-    """Part of the frame's pixels inside the image circle."""
+    """Return the fraction of the frame's pixels inside the image circle."""
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 32), np.linspace(0, camera.height - 1, 32))
     return max(float(np.isfinite(camera.to_rays(np.column_stack((u.ravel(), v.ravel())))[:, 0]).mean()), 1e-3)
 
 
 def _magnitudes(flux: F8) -> F8:
-    """Magnitudes of fluxes up to a zero point, shape (n,); NaN where there is no light."""
+    """Return the magnitudes of fluxes up to a zero point, shape (n,); NaN where the flux is not positive."""
     return np.asarray(-2.5 * np.log10(np.where(flux > 0, flux, np.nan)))

@@ -1,4 +1,4 @@
-"""What is asked of the search: detections, camera and attitude."""
+"""Input of the search: detections, camera and attitude."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ class Question:
     camera : Camera
         The camera.
     uv : ndarray, shape (n, 2)
-        Detections, brightest first, refraction taken off where the vertical is known.
+        Detections, brightest first, with refraction removed if the vertical is known.
     rays : ndarray, shape (n, 3)
         The same as directions.
     ranked : bool
         Whether the order is one of brightness.
     solid_angle_sr, area_px : float
-        Of the part of the sky, and of the frame, that the camera sees.
+        Solid angle of the sky, and area of the frame, that the camera sees.
     local : ndarray, shape (3, 3), or None
-        Terrestrial-horizon knowledge: R_cam where heading and tilt are known well; None otherwise.
+        Orientation relative to the horizon: R_cam if heading and tilt are well known, else None.
     celestial_to_terrestrial : ndarray, shape (3, 3)
-        At the instant.
+        Rotation between these frames at the instant.
     up : ndarray, shape (3,), or None
         Zenith in the camera frame.
     near : Neighbourhood or None
-        What the last known position allows.
+        Constraints from the last known position.
     region : Region
-        Orientations that the attitude leaves open, were no position known.
+        Orientations that the attitude alone allows, without a last known position.
     mag : ndarray, shape (n,), or None
         Magnitudes of the detections up to a common zero point, NaN where unknown; None without fluxes.
     """
@@ -58,7 +58,7 @@ class Question:
     mag: F8 | None = None
 
     def sparse(self, rows: NDArray[np.intp], v_mag: F4) -> Sparse | None:
-        """What judges a few stars of magnitudes `v_mag` by the detections `rows`; None where there are many, or no fluxes."""
+        """Return the test for few stars of magnitudes `v_mag` and detections `rows`; None if many, or without fluxes."""
         if self.mag is None or len(self.uv) > MOST_DETECTIONS:
             return None
         told = None

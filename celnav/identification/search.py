@@ -1,8 +1,8 @@
 """Hypotheses of the camera's orientation, and the scoring of thousands of them at once.
 
-A hypothesis is a rotation from the camera to the sky (ICRS). Pairs of detections give them where nothing is known;
-single detections do where the attitude to the horizon is known, because latitude and longitude are then the only
-unknowns and one star gives two equations.
+A hypothesis is a rotation from the camera to the sky (ICRS). If nothing is known, hypotheses come from pairs of detections.
+If the attitude relative to the horizon is known, single detections suffice, because latitude and longitude are then the only
+unknowns, and one star gives two equations.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from celnav.identification.sky_index import F4, F8, Level, SkyIndex, octahedral_
 
 Pairs = NDArray[np.intp]
 
-# Look-ups at a time: they stay in the processor's cache, and the matrix products below what OpenBLAS splits over
-# threads, which costs more than it gains.
+# Look-ups at a time. This many stay in the processor's cache, and their matrix products are too small for OpenBLAS to split
+# over threads, which would cost more than it gains.
 _BLOCK = 20_000
 MOST_SLACK_RAD = 5.5e-4
-# With fewer look-ups than this all detections score all hypotheses.
+# With fewer look-ups than this, all detections score all hypotheses.
 _FEW_LOOKUPS = 12 * _BLOCK
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Detections as the search sees them, most promising first.
+    """Detections as used by the search, most promising first.
 
     Attributes
     ----------
     rays : ndarray of float32, shape (n, 3)
-        Unit vectors in the camera frame, refraction taken off where the vertical is known.
+        Unit vectors in the camera frame, with refraction removed if the vertical is known.
     radians_per_px : ndarray of float32, shape (n,)
-        Scale at each detection.
+        Plate scale at each detection.
     """
 
     rays: F4
@@ -44,11 +44,11 @@ class View:
 
 
 def choose_pairs(rays: F4, ranks: tuple[int, int], lags: tuple[int, int], separation_rad: tuple[float, float]) -> Pairs:
-    """Return pairs (p, 2) of rays whose separation lies in a range.
+    """Return pairs (p, 2) of rays whose separation is in a range.
 
-    Ranks in brightness lie in the range `ranks`, and differ by `lags` (first and last, inclusive): neighbours in
-    brightness come first, so that a crowd of bright clutter at the head of the list does not keep all pairs of true
-    stars waiting (the ordering of Mortari et al. 2004 in its effect).
+    Ranks in brightness are in the range `ranks` and differ by `lags` (first and last, inclusive). Neighbours in brightness
+    come first, so that bright clutter at the head of the list does not delay all pairs of true stars (this has the effect of
+    the ordering of Mortari et al. 2004).
     """
     first, second = _all_pairs(ranks[1] - ranks[0])
     lag = second - first
@@ -68,7 +68,7 @@ def _all_pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def triads(a: F4, b: F4) -> F4:
-    """Return orthonormal frames (n, 3, 3), in columns, of pairs of unit vectors: middle, normal, third."""
+    """Return orthonormal frames (n, 3, 3) of pairs of unit vectors, with columns middle, normal and third."""
     frames = np.empty((len(a), 3, 3), dtype=a.dtype)
     middle, normal = a + b, _cross(a, b)
     for k, axis in enumerate((middle, normal)):
@@ -79,7 +79,7 @@ def triads(a: F4, b: F4) -> F4:
 
 
 def _cross(a: F4, b: F4) -> F4:
-    """Cross products of rows; `np.cross` takes ten times as long for a few hundred."""
+    """Return the cross products of rows; `np.cross` takes ten times as long for a few hundred."""
     x, y, z = a.T
     p, q, r = b.T
     product = np.empty_like(a)
@@ -99,9 +99,9 @@ def pair_hypotheses(
     at_once: int,
     allowed: NDArray[np.bool_] | None = None,
 ) -> Iterator[tuple[F4, int]]:
-    """Yield rotations camera to sky, shape (h, 3, 3), that lay a pair of detections on a pair of stars.
+    """Yield rotations from camera to sky, shape (h, 3, 3), that map a pair of detections onto a pair of stars.
 
-    With them, how many were passed over because `allowed` excludes them.
+    Each array comes with the number of rotations that were skipped because `allowed` excludes them.
 
     Parameters
     ----------
@@ -112,13 +112,13 @@ def pair_hypotheses(
     level : Level
         Stars.
     xyz : ndarray, shape (n, 3)
-        Their unit vectors.
+        Unit vectors of the stars.
     sigma_px : float
-        Standard deviation of a centroid along each axis; separations may differ by 3.5 of their own.
+        Standard deviation of a centroid along each axis; separations may differ by 3.5 times their own.
     slack : tuple of float
-        Added to that: radians, and a part of the separation (up to `MOST_SLACK_RAD`).
+        Additional tolerance: radians, and a fraction of the separation (up to `MOST_SLACK_RAD`).
     at_once : int
-        Most rotations of one array.
+        Largest number of rotations in one array.
     allowed : ndarray of bool, shape (m, n), optional
         Which of the level's stars each of the first m detections may be.
     """
@@ -132,7 +132,7 @@ def pair_hypotheses(
     start = np.concatenate(([0], end[:-1]))
     seen = np.swapaxes(triads(a, b), 1, 2)
     total = int(end[-1]) if len(end) else 0
-    # Each fitting pair of stars makes two rotations: the pair may be either way round.
+    # Each matching pair of stars gives two rotations, since the pair may be either way round.
     parts = math.ceil(2 * total / at_once)
     for part in range(parts):
         fitting = np.arange(part * total // parts, (part + 1) * total // parts)
@@ -157,10 +157,10 @@ def pair_hypotheses(
 
 
 def single_star_hypotheses(dirs_enu: F8, stars_itrs: F8) -> tuple[F8, F8, NDArray[np.intp]]:
-    """Return latitudes and longitudes, radians, at which a star stands in a direction, and whose direction it is.
+    """Return latitudes and longitudes, radians, at which a star is seen in a direction, and the row of that direction.
 
-    Every direction, shape (b, 3), is laid on every star, shape (n, 3): the star's height above the equator fixes the
-    latitude, of which two may fit, and then its hour angle the longitude.
+    Every direction, shape (b, 3), is combined with every star, shape (n, 3): the star's height above the equator fixes the
+    latitude, for which there may be two solutions, and its hour angle then fixes the longitude.
     """
     east, north, up = (axis[:, None] for axis in dirs_enu.T)
     x, y, z = (axis[None, :] for axis in stars_itrs.T)
@@ -183,7 +183,7 @@ def single_star_hypotheses(dirs_enu: F8, stars_itrs: F8) -> tuple[F8, F8, NDArra
 
 
 def enu_rotations(lat_rad: F8, lon_rad: F8) -> F8:
-    """Return rotations from the terrestrial frame to east, north, up, shape (h, 3, 3)."""
+    """Return rotations from the terrestrial frame to east-north-up, shape (h, 3, 3)."""
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat_rad), np.cos(lat_rad), np.sin(lon_rad), np.cos(lon_rad)
     rows = (
         (-sin_lon, cos_lon, np.zeros_like(sin_lon)),
@@ -219,27 +219,27 @@ def soft_count(rotations: F4, rays: F4, inverse_square_tolerance: F4, level: Lev
 
 
 def scoring_work(n_rotations: int, n_rays: int, first_look: int) -> int:
-    """Look-ups that `best_hypotheses` takes."""
+    """Return the number of look-ups that `best_hypotheses` takes."""
     if n_rotations * n_rays <= _FEW_LOOKUPS or n_rays <= first_look:
         return n_rotations * n_rays
     return n_rotations * first_look + _kept(n_rotations) * n_rays
 
 
 def _kept(n_rotations: int) -> int:
-    """How many hypotheses pass the first look."""
+    """Return how many hypotheses pass the first look."""
     return min(n_rotations, max(400, n_rotations // 4))
 
 
 def best_hypotheses(
     rotations: F4, view: View, tolerance_px: float, level: Level, index: SkyIndex, most: int, first_look: int
 ) -> tuple[F4, F4]:
-    """Return the rotations of the highest soft counts (at most `most`), and those counts.
+    """Return the rotations with the highest soft counts (at most `most`), and those counts.
 
-    Many hypotheses are first scored by `first_look` detections, and only the better quarter of them by all.
+    If there are many hypotheses, they are first scored by `first_look` detections, and only the better quarter by all.
     """
     weight = (1.0 / (tolerance_px * view.radians_per_px) ** 2).astype(np.float32)
     if len(rotations) * len(view.rays) > _FEW_LOOKUPS and len(view.rays) > first_look:
-        # Spread over all ranks: the brightest may be clutter.
+        # Spread over all ranks, because the brightest may be clutter.
         few = np.linspace(0, len(view.rays) - 1, first_look).astype(np.intp)
         first = soft_count(rotations, view.rays[few], weight[few], level, index)
         kept = _kept(len(rotations))
@@ -247,7 +247,7 @@ def best_hypotheses(
             rotations = rotations[np.argpartition(-first, kept)[:kept]]
     scores = soft_count(rotations, view.rays, weight, level, index)
     top = np.argsort(-scores, kind="stable")[: 8 * most]
-    # Hypotheses that turn the field by less than the tolerance are the same one.
+    # Hypotheses that differ by a rotation of less than the tolerance are the same one.
     limit = 3 - (2 * tolerance_px * float(view.radians_per_px.max())) ** 2
     turn = np.einsum("aij,bij->ab", rotations[top], rotations[top])
     chosen: list[int] = []
@@ -260,11 +260,12 @@ def best_hypotheses(
 
 
 def polish(rotations: F4, view: View, tolerance_px: float, level: Level, index: SkyIndex) -> tuple[F8, F8]:
-    """Turn hypotheses, shape (h, 3, 3), to the least-squares rotation of the stars they explain, twice.
+    """Refine hypotheses, shape (h, 3, 3), to the least-squares rotation of the stars that they explain, twice.
 
     Returns
     -------
-    The rotations, camera to sky, and their soft counts, shape (h,).
+    tuple of two ndarrays
+        The rotations, camera to sky, and their soft counts, shape (h,).
     """
     current = rotations.astype(np.float64)
     rays = view.rays.astype(np.float64)
@@ -286,7 +287,7 @@ def polish(rotations: F4, view: View, tolerance_px: float, level: Level, index: 
 def wahba(rays: F8, stars: F8, weight: F8) -> F8:
     """Return the rotations R, shape (h, 3, 3), that minimise the weighted sums of |stars - R rays|^2.
 
-    By singular value decomposition (Markley 1988, J. Astronaut. Sci. 36, 245).
+    Computed by singular value decomposition (Markley 1988, J. Astronaut. Sci. 36, 245).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Choices of the identification: its stages, and the numbers that were tuned."""
+"""Configuration of the identification: its stages and the tuned parameters."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Stage:
     bright : int
         Hypotheses come from this many of the first detections.
     lags : tuple of int
-        Pairs are made of detections whose ranks differ by so much, first and last.
+        Pairs consist of detections whose ranks differ by this range, first to last.
     sigma_px : float
         Noise that pairs may have.
     tolerance_px : float
-        How far off a detection may be from the star that explains it under a raw hypothesis.
+        Largest distance between a detection and the star that explains it under a raw hypothesis.
     scored : int
-        Detections that score a hypothesis.
+        Number of detections that score a hypothesis.
     """
 
     bright: int = bounded(least=1, most=10_000)
@@ -35,7 +35,7 @@ class Stage:
         check_fields(self)
 
 
-# Noise and tolerance, pixels: for good centroids, and for 4 px of noise or a focal length that is off by 3 %.
+# Noise and tolerance, pixels, for good centroids, and for 4 px of noise or a focal length that is off by 3 %.
 FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
 PAIR_STAGES = (
     Stage(4, (1, 3), *FINE, scored=40),
@@ -50,8 +50,8 @@ PAIR_STAGES = (
     Stage(20, (4, 8), *COARSE),
     Stage(60, (1, 8), *FINE),
 )
-# In narrow fields the sky holds so many stars that a pair fits thousands of theirs: closer separations first, which good
-# centroids have, and more pairs of detections before wider ones.
+# For narrow fields the sky contains so many stars that a pair of detections fits thousands of pairs of stars. Tight
+# tolerances on separations, which good centroids satisfy, and more pairs of detections therefore come before wider ones.
 SHARP = (0.4, 4.0)
 NARROW_STAGES = (
     Stage(4, (1, 3), *SHARP, scored=40),
@@ -67,7 +67,7 @@ NARROW_STAGES = (
     Stage(30, (4, 8), *SHARP),
     Stage(30, (1, 2), *COARSE),
 )
-# Without an order of brightness pairs are as good as one another: many narrow windows before wide ones.
+# Without an order of brightness all pairs are equally good, so many narrow windows come before wide ones.
 UNORDERED_STAGES = (
     Stage(8, (1, 3), *FINE),
     Stage(30, (1, 3), *FINE),
@@ -75,7 +75,7 @@ UNORDERED_STAGES = (
     Stage(40, (1, 8), *FINE),
     Stage(60, (1, 3), *COARSE),
 )
-# One star is off by less than the difference of two: a wider tolerance costs little.
+# The error of one star is smaller than that of the difference of two, and a wider tolerance costs little.
 SINGLE_STAGES = (
     Stage(6, (0, 0), 0.8, 6.0, scored=60),
     Stage(16, (0, 0), 0.8, 6.0),
@@ -87,60 +87,62 @@ SINGLE_STAGES = (
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """Choices of the search.
+    """Configuration of the search.
 
     Attributes
     ----------
     pair_stages, narrow_stages, unordered_stages, single_stages : tuple of Stage
-        Where the attitude to the horizon is not known; the same in narrow fields; without an order of brightness; and where
-        the attitude is known.
+        Stages for an unknown attitude relative to the horizon; for the same in narrow fields; for detections without an
+        order of brightness; and for a known attitude.
     verified : int
-        Detections that verify a hypothesis: enough for a bound far below the limit, few enough for half a millisecond.
+        Number of detections that verify a hypothesis: enough for a bound far below the limit, few enough for half a
+        millisecond.
     candidates : int
-        Hypotheses of a batch that are verified. The true one is the best of its batch nearly always, and verifying more
-        takes effort from batches to come.
+        Number of hypotheses of a batch that are verified. The true one is nearly always the best of its batch, and
+        verifying more takes effort from later batches.
     max_log10_false_alarm : float
-        The bound that ends the search: one frame of chance in a million, at most.
+        False-alarm bound that ends the search: at most one chance identification in a million frames.
     first_look, first_look_singles : int
-        Detections that score all hypotheses of a batch before the better quarter is scored by all; and where they come
-        from single stars: those are few, and each true detection makes only one, so they get the longer look.
+        Number of detections that score all hypotheses of a batch before the better quarter is scored by all; the second is
+        for hypotheses from single stars. Those are few, and each true detection gives only one true hypothesis, so they are
+        scored by more detections.
     chance_sigmas : float
-        A hypothesis is verified if its score exceeds the mean score of chance by so many standard deviations, and by
-        the stars that it is made of.
+        A hypothesis is verified if its score exceeds the mean score by chance by this many standard deviations, and by
+        the number of stars that it is made of.
     paired_depth, scored_depth, verified_depth : float
-        Catalogue stars in the field per detection that makes hypotheses, scores them and verifies them, where
-        detections are in order of brightness. More than one, because stars are missing and magnitudes differ.
+        Number of catalogue stars in the field per detection that makes, scores and verifies hypotheses, if detections are
+        ordered by brightness. The values exceed one because stars are missing and magnitudes differ.
     unordered_paired_depth, unordered_depth : float
-        The same where they are in no order, per detection of the frame: all stars of the field count.
+        The same for detections without an order, per detection of the frame, since all stars of the field count.
     narrowest_pair : float
-        Least separation of a pair, as part of the widest: narrow ones leave the orientation about their axis open.
+        Least separation of a pair, as a fraction of the widest; narrow pairs do not determine the rotation about their axis.
     pairs_at_once : int
-        Pairs of detections in one batch.
+        Number of pairs of detections in one batch.
     hypotheses_at_once : int
-        Hypotheses that pairs for one batch are gathered for; a single pair may make twice as many. Large enough for
-        array operations to pay, small enough for the search to end soon after the true one is met.
+        Number of hypotheses for which pairs are gathered into one batch; a single pair may give twice as many. Large enough
+        for efficient array operations, small enough for the search to end soon after reaching the true one.
     sharp_scale : float
-        Where a pixel is more than so many times the median pixel's angle, at the rim of some lenses, detections are
-        left out: their direction says nothing.
+        Detections where a pixel spans more than this many times the median pixel's angle, at the rim of some lenses, are
+        left out, because their directions carry no information.
     given_order_share : float
-        Part of the work for the order given where there are no fluxes: it is only a guess.
+        Fraction of the work for the given order if there are no fluxes, since that order is only a guess.
     near_share : float
-        Part of the work for the neighbourhood of a last known position; the rest is for the whole sky, so that a wrong one
-        is noticed.
+        Fraction of the work for the neighbourhood of a last known position; the rest is for the whole sky, so that a wrong
+        position is noticed.
     told_share : float
-        Part of the work on the camera as it is given that is for the attitude as it is told, where it is known so well that
-        hypotheses are places; the rest is for any orientation, so that a mount that moved is noticed.
+        Fraction of the work with the supplied camera that is spent on the supplied attitude, if that is known so well that
+        hypotheses are positions; the rest is for any orientation, so that a mount that has moved is noticed.
     least_rival : int
-        Detections that another orientation must explain.
+        Least number of detections that another orientation must explain.
     rival_share : float
-        Detections that must be unexplained for another orientation to be looked for among them, and that it must
-        explain, as part of those that the first one explains.
+        Number of detections that must be unexplained for a search for another orientation among them, and that it must
+        explain, as a fraction of those that the first one explains.
     same_deg : float
-        Orientations that differ by less are the same one, seen with a camera whose declared distortion or focal length
-        is wrong.
+        Orientations that differ by less than this count as the same, seen with a camera whose stated distortion or focal
+        length is wrong.
     rival_work : int
-        Work kept for the other orientation (half of the bound at most): a few batches of pairs of bright detections. Two
-        skies in one frame show in the first.
+        Work reserved for the other orientation (at most half of the bound): a few batches of pairs of bright detections.
+        Two skies in one frame show in the first batch.
     """
 
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
@@ -174,5 +176,5 @@ class SearchConfig:
         check_fields(self)
 
     def kept_for_rival(self, max_work: int) -> int:
-        """Return the part of the bound of work that is kept for the other orientation."""
+        """Return the part of the work that is reserved for the search for another orientation."""
         return min(self.rival_work, max_work // 2)

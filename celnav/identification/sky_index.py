@@ -1,7 +1,7 @@
-"""Tables of the sky that identification looks things up in, built once and cached on disk.
+"""Look-up tables of the sky for the identification, built once and cached on disk.
 
-A *level* is the N brightest stars of the sky, for N = 100, 200, … 12800: brightness ranks need no photometric zero
-point, so the level follows from how many detections there are in what solid angle. Each level has
+A *level* consists of the N brightest stars of the sky, for N = 100, 200, … 12800. Brightness ranks need no photometric zero
+point, so the level follows from the number of detections and the solid angle. Each level has
 
 - its pairs of stars sorted by separation (Mortari's k-vector idea, with a binary search), for hypotheses;
 - the nearest star of every cell of an octahedral map of the sphere, for scoring thousands of hypotheses at once.
@@ -26,20 +26,20 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Rows = NDArray[np.integer]
 
-# Deeper levels, for fields so narrow that the levels above show too few stars in them.
+# Deeper levels, for fields so narrow that the levels above have too few stars in them.
 DEEP_LEVELS = (25600, 51200, 102400)
 DEEP_PAIR_LIMIT_DEG = (6.0, 3.5, 2.2)
 LEVELS = (100, 200, 400, 800, 1600, 3200, 6400, 12800)
-# Widest pairs of each level, degrees: together they keep the tables at some 1.5 million pairs.
+# Widest separation of pairs in each level, degrees, which keeps the tables at some 1.5 million pairs.
 PAIR_LIMIT_DEG = (180.0, 180.0, 180.0, 180.0, 60.0, 25.0, 15.0, 9.0)
-# Positions of the tables are of this year: identification tolerates what stars move in a few decades.
+# Epoch of the positions in the tables; identification tolerates the proper motions of a few decades.
 EPOCH_JYEAR = 2015.0
 _SIDE_BITS = 9
 MAP_SIDE = 1 << _SIDE_BITS
-# A hair under half a side, so that a coordinate of 1 falls into the last cell and not beyond it.
+# Slightly less than half a side, so that a coordinate of 1 falls into the last cell and not beyond it.
 _HALF_SIDE = np.float32(MAP_SIDE / 2 * (1 - 1e-6))
 BLEND_ARCSEC = 120.0
-# From so many fields to the sky on, fields count as narrow: less than about 20 by 13 deg.
+# Fields count as narrow if the sky consists of at least this many of them: below about 20 by 13 deg.
 NARROW = 150
 
 
@@ -50,15 +50,15 @@ class Level:
     Attributes
     ----------
     n : int
-        How many.
+        Number of stars.
     pair_limit_rad : float
-        Pairs are listed up to this separation.
+        Largest separation of the listed pairs.
     separation_rad : ndarray of float32, shape (p,)
         Separations of the pairs, ascending.
     first, second : ndarray of int16 or int32, shape (p,)
-        The pairs' stars (rows of the index).
+        Stars of the pairs (rows of the index).
     nearest : ndarray of int16 or int32, shape (2 * MAP_SIDE**2,)
-        The star nearest to the middle of each cell of the octahedral map.
+        The star nearest to the centre of each cell of the octahedral map.
     """
 
     n: int
@@ -71,18 +71,18 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class SkyIndex:
-    """All levels over one list of stars.
+    """All levels for one list of stars.
 
     Attributes
     ----------
     xyz : ndarray of float32, shape (n, 3)
         ICRS unit vectors at `EPOCH_JYEAR`, brightest first; fainter components within `BLEND_ARCSEC` are left out.
     v_mag : ndarray of float32, shape (n,)
-        Their magnitudes V.
+        V magnitudes of the stars.
     axes : tuple of three ndarrays of float32, shape (n,)
         The columns of `xyz`, each contiguous.
     levels : tuple of Level
-        Ascending.
+        The levels, in ascending order of depth.
     """
 
     xyz: F4
@@ -91,20 +91,20 @@ class SkyIndex:
     levels: tuple[Level, ...]
 
     def at_least(self, n: float, reach_rad: float = 0.0) -> Level:
-        """Return the smallest level of `n` stars or more whose pairs reach `reach_rad`.
+        """Return the smallest level with at least `n` stars whose pairs reach `reach_rad`.
 
-        Where no level has both, the deepest that reaches is returned.
+        If no level satisfies both, the deepest one whose pairs reach that far is returned.
         """
         reaching = [level for level in self.levels if level.pair_limit_rad >= reach_rad] or [self.levels[0]]
         return next((level for level in reaching if level.n >= n), reaching[-1])
 
 
 def octahedral_cell(x: F4, y: F4, z: F4) -> NDArray[np.int32]:
-    """Return the cell of the octahedral map for components of directions, float32 arrays of one shape.
+    """Return the cell of the octahedral map for components of directions, float32 arrays of equal shape.
 
-    The octahedron |x| + |y| + |z| = 1 seen along z is a square standing on its corner; each hemisphere has a square map
-    of its own that holds it. Half of the cells lie beyond the corners, which costs memory, and saves the folding of the
-    usual octahedral map: scoring hypotheses spends most of its time here.
+    The octahedron |x| + |y| + |z| = 1 seen along z is a square standing on its corner; each hemisphere has its own square map
+    that contains it. Half of the cells are beyond the octahedron's edges, which costs memory but saves the folding of the
+    usual octahedral map; scoring hypotheses spends most of its time here.
     """
     scale = np.abs(x)
     work = np.abs(y)
@@ -127,9 +127,9 @@ def octahedral_cell(x: F4, y: F4, z: F4) -> NDArray[np.int32]:
 
 
 def octahedral_centres() -> F8:
-    """Return unit vectors of the middles of all cells, shape (2 * MAP_SIDE**2, 3), northern map first.
+    """Return unit vectors of the centres of all cells, shape (2 * MAP_SIDE**2, 3), northern map first.
 
-    Cells beyond the corners of the octahedron have directions just across the equator.
+    Cells beyond the edges of the octahedron have directions just across the equator.
     """
     axis = (np.arange(MAP_SIDE) + 0.5) / MAP_SIDE * 2 - 1
     q, p = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
@@ -139,7 +139,7 @@ def octahedral_centres() -> F8:
 
 
 def _stars(most: int) -> tuple[F8, F8]:
-    """Unit vectors and magnitudes of the sky's brightest stars, at most `most`, without fainter components of close pairs."""
+    """Return unit vectors and magnitudes of the `most` brightest stars, without fainter components of close pairs."""
     from scipy.spatial import cKDTree
 
     catalog = load_catalog()
@@ -200,20 +200,20 @@ def _index(xyz: F4, v_mag: F4, levels: tuple[Level, ...]) -> SkyIndex:
 
 @lru_cache(maxsize=1)
 def load_sky_index() -> SkyIndex:
-    """Return the tables, from the cache where they are there, else built in about two seconds."""
+    """Return the tables from the cache; if they are not there, build them in about two seconds."""
     return _index(*_load("sky-index", LEVELS, PAIR_LIMIT_DEG, np.int16))
 
 
 @lru_cache(maxsize=1)
 def load_deep_sky_index() -> SkyIndex:
-    """Return the tables with the levels for narrow fields: nearly the whole catalogue, whose end is at V 8 to 9.
+    """Return the tables with the levels for narrow fields: nearly the whole catalogue, which ends at V 8 to 9.
 
-    The brighter stars are the same in both, so that the levels of `load_sky_index` serve here too.
+    The brighter stars are the same in both, so the levels of `load_sky_index` are included.
     """
     xyz, v_mag, deep = _load("deep-sky-index", DEEP_LEVELS, DEEP_PAIR_LIMIT_DEG, np.int32)
     return _index(xyz, v_mag, (*load_sky_index().levels, *deep))
 
 
 def sky_index_for(solid_angle_sr: float) -> SkyIndex:
-    """Return the tables for a field of view: the deep ones where the sky holds more than `NARROW` such fields."""
+    """Return the tables for a field of view: the deep ones if the sky contains more than `NARROW` such fields."""
     return load_deep_sky_index() if 4 * np.pi > NARROW * solid_angle_sr else load_sky_index()

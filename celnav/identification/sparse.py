@@ -1,15 +1,14 @@
-"""Few stars that agree in place and in brightness: how unlikely chance makes them.
+"""False-alarm bound for a few stars that agree in position and in brightness.
 
-Where clouds, twilight or a bright sky leave a handful of stars, these are among the brightest of their field, and one zero
-point turns the fluxes of all of them into their magnitudes. A detection then has only the few stars of its own magnitude
-to agree with by chance, and faint false ones have none, while stars that are missing cost nothing: the limit of the frame
-may be as bright as it is.
+If clouds, twilight or a bright sky leave only a handful of stars, these are among the brightest of their field, and a single
+zero point converts all their fluxes to magnitudes. A detection can then agree by chance only with the few stars of its own
+magnitude, and faint false detections with none. Missing stars cost nothing, however bright the limiting magnitude is.
 
-For an orientation, a zero point and a radius the stars that a detection may be are settled, so that detections which stand
-anywhere agree independently of one another, each with the probability that such a star lies within the radius. The
-probability of k agreements or more is at most the k-th elementary symmetric polynomial of these probabilities (Boole's
-inequality over all sets of k). A union bound over the zero points, widths and radii that are looked at, and over the
-orientations that what is known leaves open, in steps as in `verification`, multiplies it.
+For a given orientation, zero point and radius, the set of stars that each detection may be is fixed. Randomly placed
+detections then agree independently of one another, each with the probability that such a star is within the radius. The
+probability of k or more agreements is at most the k-th elementary symmetric polynomial of these probabilities (Boole's
+inequality over all sets of k). It is multiplied by a union bound over the zero points, widths and radii tried, and over the
+orientations that remain possible, in steps as in `verification`.
 """
 
 from __future__ import annotations
@@ -35,28 +34,28 @@ from celnav.identification.verification import (
     turning_derivatives,
 )
 
-# How far a detection's magnitude may be from its star's, either side: colours, extinction, vignetting and saturation part
-# them. Zero points are tried in steps of it.
+# Largest differences, to either side, between the magnitudes of a detection and its star, which are due to colours,
+# extinction, vignetting and saturation. They are also the steps in which zero points are tried.
 WIDTHS_MAG = (0.5, 1.0)
 RADII_PX = (1.2, 0.6, 0.3)
-# Fewer agreements prove nothing, and more need no such evidence, nor do frames of more detections.
+# Fewer agreements prove nothing; more agreements, or frames with more detections, do not need this kind of evidence.
 FEWEST_AGREEING, MOST_AGREEING, MOST_DETECTIONS = 3, 24, 60
-# Part of the allowed false alarms.
+# Fraction of the allowed false alarms that is assigned to this test.
 SHARE = 0.25
-# Stars around a detection that tell how they crowd there, those on the detection itself apart.
+# Radius around a detection in which stars are counted for their local density, excluding those at the detection itself.
 _AROUND_PX = 80.0
-# Within these radii, in turn, stars and detections agree while an orientation is turned to them.
+# Radii, in turn, within which stars and detections are matched while the orientation is fitted to them.
 _FIT_RADII_PX = (4.0, 2.0, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class ToldOrientation:
-    """The orientations that an exact attitude to the horizon leaves: one for each place.
+    """The orientations that an exact attitude relative to the horizon allows: one for each position.
 
     Attributes
     ----------
     local : ndarray, shape (3, 3)
-        East, north, up to camera.
+        East-north-up to camera.
     to_terrestrial : ndarray, shape (3, 3)
         Celestial to terrestrial frame.
     """
@@ -65,13 +64,13 @@ class ToldOrientation:
     to_terrestrial: F8
 
     def nearest(self, rotation: F8) -> F8:
-        """Return the orientation, sky to camera, whose zenith is that of another, shape (3, 3)."""
+        """Return the allowed orientation, sky to camera, that has the same zenith as another one, shape (3, 3)."""
         x, y, z = (self.to_terrestrial @ rotation.T @ self.local[:, 2]).tolist()
         lat, lon = math.atan2(z, math.hypot(x, y)), math.atan2(y, x)
         return np.asarray(self.local @ enu_rotations(np.array([lat]), np.array([lon]))[0] @ self.to_terrestrial)
 
     def fitted(self, camera: Camera, uv: F8, xyz: F8, rotation: F8) -> F8:
-        """Return the orientation near another one that fits the stars `xyz` (n, 3) to the detections best, shape (3, 3)."""
+        """Return the allowed orientation near `rotation` that best fits the stars `xyz` (n, 3) to the detections; (3, 3)."""
         rotation = self.nearest(rotation)
         for radius in _FIT_RADII_PX:
             dirs = xyz @ rotation.T
@@ -79,7 +78,7 @@ class ToldOrientation:
             seen, star = mutual_nearest(uv, nowhere_far_off(predicted), radius)
             if len(seen) < 2:
                 return rotation
-            # A place moves to the north by a turn about the east, and to the east by one about the Earth's axis.
+            # A rotation about east moves the position north; one about the Earth's axis moves it east.
             axes = np.column_stack((self.local[:, 0], rotation @ self.to_terrestrial[2]))
             design = turning_derivatives(dirs[star], by_direction[star]) @ axes
             residual = uv[seen] - predicted[star]
@@ -94,7 +93,7 @@ class ToldOrientation:
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """What judges an orientation that explains a few of a few detections.
+    """Test of an orientation that explains a few stars in a frame with few detections.
 
     Attributes
     ----------
@@ -103,9 +102,9 @@ class Sparse:
     star_mag : ndarray, shape (n,)
         Magnitudes of the stars.
     area_px : float
-        Of the frame where it shows the sky.
+        Area of the frame that shows the sky.
     told : ToldOrientation or None
-        Where the attitude is told exactly.
+        The allowed orientations if an exact attitude is supplied.
     """
 
     seen_mag: F8
@@ -114,22 +113,22 @@ class Sparse:
     told: ToldOrientation | None
 
     def judged(self, found: Alignment, camera: Camera, uv: F8, xyz: F8, region: Region, finest_rad: float) -> Alignment:
-        """Return the hypothesis with the smaller of its own bound of false alarm and the one by brightness.
+        """Return the hypothesis with the smaller of its own false-alarm bound and the one that uses brightness.
 
         Parameters
         ----------
         found : Alignment
-            As `verification.verify` found it.
+            Result of `verification.verify`.
         camera : Camera
             The camera.
         uv : ndarray, shape (m, 2)
-            Detections, refraction taken off.
+            Detections with refraction removed.
         xyz : ndarray, shape (n, 3)
             Stars of the sky that may be seen.
         region : Region
-            Orientations among which the hypothesis was looked for.
+            Orientations among which the hypothesis was searched for.
         finest_rad : float
-            Smallest scale of a pixel among those of the detections.
+            Smallest pixel scale among the detections.
         """
         own = replace(found, log10_false_alarm=min(0.0, found.log10_false_alarm - math.log10(1 - SHARE)))
         if not FEWEST_AGREEING <= len(found.detection) <= MOST_AGREEING:
@@ -148,7 +147,7 @@ class Sparse:
         return replace(other, log10_false_alarm=bound)
 
     def _as_told(self, found: Alignment, camera: Camera, uv: F8, xyz: F8) -> Alignment:
-        """The hypothesis, turned to what an exact attitude and the camera as it is given leave."""
+        """Return the hypothesis adapted to an exactly known attitude and the camera as supplied."""
         if self.told is None:
             return found
         rotation = self.told.fitted(camera, uv, xyz, found.rotation)
@@ -156,13 +155,13 @@ class Sparse:
         seen, star = mutual_nearest(uv, predicted, RADII_PX[0])
         sigma = found.sigma_px
         if len(seen) > 1:
-            # Two numbers are fitted.
+            # Two parameters are fitted.
             fitted = math.sqrt(len(seen) / (len(seen) - 1))
             sigma = fitted * 1.4826 * float(np.median(np.abs(uv[seen] - predicted[star])))
         return Alignment(rotation, 0.0, seen, star, sigma, 0.0)
 
     def _agreeing(self, found: Alignment, camera: Camera, uv: F8, xyz: F8) -> dict[float, float]:
-        """Bound the probability that detections which stand anywhere agree as well under an orientation."""
+        """Bound the probability that randomly placed detections agree as well under an orientation."""
         centre = np.array([camera.cx_px, camera.cy_px])
         predicted = centre + math.exp(found.log_f) * (camera.project(xyz @ found.rotation.T) - centre)
         rows = np.flatnonzero(camera.in_frame(predicted, RADII_PX[0]))
@@ -173,7 +172,7 @@ class Sparse:
 def log10_symmetric(chances: F8, k: int) -> float:
     """Return the decimal logarithm of the k-th elementary symmetric polynomial of some numbers, at most 0.
 
-    It bounds the probability that k or more of independent events with these probabilities, shape (m,), happen.
+    It bounds the probability that k or more of m independent events with these probabilities, shape (m,), happen.
     """
     if k <= 0:
         return 0.0
@@ -191,23 +190,23 @@ def log10_symmetric(chances: F8, k: int) -> float:
 def log10_agreeing(
     seen_mag: F8, star_mag: NDArray[np.floating], uv: F8, predicted: F8, area_px: float, spread: float
 ) -> dict[float, float]:
-    """Bound the probability that detections which stand anywhere agree in place and brightness as well, for each radius.
+    """Bound, for each radius, the probability that randomly placed detections agree as well in position and brightness.
 
     Parameters
     ----------
     seen_mag, star_mag : ndarray, shapes (m,), (n,)
         Magnitudes of the detections, NaN where unknown, and of the stars.
     uv, predicted : ndarray, shapes (m, 2), (n, 2)
-        Detections, and where the stars should be.
+        Detections, and predicted positions of the stars.
     area_px : float
-        Of the frame where it shows the sky.
+        Area of the frame that shows the sky.
     spread : float
-        Factor on each radius within which chance agrees, for orientations that are stepped over.
+        Factor on each radius for chance agreements, which allows for orientations between the steps.
 
     Returns
     -------
     dict
-        Of each radius, pixels: the decimal logarithm of the bound, the choice of zero point, width and radius included.
+        For each radius, pixels, the decimal logarithm of the bound, including the choice of zero point, width and radius.
     """
     seen, star, distance = candidate_pairs(uv, predicted, RADII_PX[0])
     offset = star_mag[None].astype(np.float64) - seen_mag[:, None]
@@ -229,7 +228,7 @@ def log10_agreeing(
             agree = able[seen, star]
             for radius in RADII_PX:
                 chosen = np.flatnonzero(agree & (distance <= radius))
-                # Neither a detection nor a star counts twice.
+                # No detection and no star counts twice.
                 k = min(len(first_of_each(seen[chosen])), len(first_of_each(star[chosen])))
                 if k >= FEWEST_AGREEING:
                     chances = -np.expm1(-math.pi * (spread * radius) ** 2 * density)

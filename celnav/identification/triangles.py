@@ -1,12 +1,12 @@
-"""Triangles of detections among triangles of stars: orientation and focal length of a narrow field, neither known.
+"""Orientation and focal length of a narrow field, both unknown, from triangles of detections and triangles of stars.
 
-Over a few degrees every lens is a similarity from the sky to the frame, so that a triangle keeps its shape whatever the focal
-length: the ratios of its sides and the sense of its turning name it, and its size gives the focal length. Each star makes
-triangles with its nearest neighbours of a level of the sky's tables; those of the brightest detections are looked up among
-them. A triangle fits some hundred others; the rest of the detections judges the orientations that they give.
+Over a few degrees every lens is a similarity from the sky to the frame, so a triangle keeps its shape whatever the focal
+length: the ratios of its sides and its sense of rotation identify it, and its size gives the focal length. Each star forms
+triangles with its nearest neighbours in a level of the sky tables; the triangles of the brightest detections are looked up
+among them. A triangle matches some hundred others; the remaining detections decide between the resulting orientations.
 
 Sources: Valdes et al. 1995, "FOCAS Automatic Catalog Matching Algorithms", PASP 107, 1119 (ratios of sides); Lang et al.
-2010, "Astrometry.net", AJ 139, 1782 (the sky blind, by shapes of a few stars, verified by all).
+2010, "Astrometry.net", AJ 139, 1782 (blind identification by shapes of a few stars, verified by all).
 """
 
 from __future__ import annotations
@@ -28,21 +28,22 @@ from celnav.identification.verification import Alignment, Region, verify
 
 Rows = NDArray[np.intp]
 
-# Of each star, its triangles with two of so many nearest stars.
+# Each star forms triangles with two of this many nearest stars.
 _NEIGHBOURS = 8
-# Sides of triangles that fit differ by this part of the longest: noise, the bend of refraction, what a lens distorts.
+# Tolerance on the sides of matching triangles, as a fraction of the longest: noise, refraction and distortion.
 _TOLERANCE = 0.004
-# A triangle so thin has a sense of turning that noise changes.
+# Thinner triangles are left out, because noise can reverse their sense of rotation.
 _THINNEST = 0.15
-# Triangles are of so many of the brightest detections, and as long as this part of the frame's shorter side at least.
+# Triangles use this many of the brightest detections, and their longest side is at least this fraction of the frame's shorter
+# side.
 _BRIGHT, _SHORTEST_SIDE = 30, 0.12
-# Stars of the level in one field, of which the brightest detections should be: the level is the first that has as many.
+# The level is the first with at least this many stars in one field; the brightest detections should be among them.
 _IN_FIELD = 14
-# Focal lengths searched together span this factor.
+# Focal lengths that are searched together span this factor.
 _SPAN = math.sqrt(2)
 _SCORED, _TOLERANCE_PX, _CANDIDATES = 60, 5.0, 4
 _AT_ONCE = 4_000
-# Steps of the focal length that a verification counts: some 0.2 % each, a factor 20 in all.
+# Steps of the focal length that a verification counts: some 0.2 % each, a factor of 20 in all.
 _FOCAL_STEPS = 2_000
 ANY_FOCAL_LENGTH = Region(8 * math.pi**2 * _FOCAL_STEPS, 3)
 
@@ -54,13 +55,13 @@ class Triangles:
     Attributes
     ----------
     stars : ndarray, shape (t, 3)
-        Rows of the index; each stands opposite the longest, the middle, the shortest side.
+        Rows of the index: the corners opposite the longest, the middle and the shortest side.
     shape : ndarray of float32, shape (t, 2)
-        Middle and shortest side over the longest; the latter negative where the three turn the other way.
+        Middle and shortest side over the longest; the latter is negative for the opposite sense of rotation.
     longest_rad : ndarray of float32, shape (t,)
         Longest side.
     cell : ndarray of int64, shape (t,)
-        Ascending.
+        Cells of the shapes, ascending.
     """
 
     stars: NDArray[np.int32]
@@ -72,7 +73,7 @@ class Triangles:
 def find_narrow_field(
     uv: F8, size: tuple[int, int], focal_px: tuple[float, float], effort: Effort, config: SearchConfig
 ) -> tuple[Camera, Alignment] | None:
-    """Find orientation and focal length of a field of some 3 to 20 deg.
+    """Find the orientation and focal length of a field of some 3 to 20 deg.
 
     Parameters
     ----------
@@ -81,15 +82,16 @@ def find_narrow_field(
     size : tuple of int
         Width and height of the frame, pixels.
     focal_px : tuple of float
-        Least and largest focal length.
+        Smallest and largest focal length.
     effort : Effort
-        What may be spent.
+        Budget of the search.
     config : SearchConfig
-        The bound of chance, and how many detections verify.
+        False-alarm bound, and number of detections that verify.
 
     Returns
     -------
-    A pinhole camera and its orientation; None where nothing passes.
+    tuple of Camera and Alignment, or None
+        A pinhole camera and its orientation; None if no hypothesis passes.
     """
     index = load_deep_sky_index()
     first, last = focal_px
@@ -106,7 +108,7 @@ def find_narrow_field(
 def _find(
     uv: F8, size: tuple[int, int], focal: tuple[float, float], index: SkyIndex, effort: Effort, config: SearchConfig
 ) -> tuple[Camera, Alignment] | None:
-    """Search focal lengths that differ little."""
+    """Search a narrow range of focal lengths."""
     middle_f = math.sqrt(focal[0] * focal[1])
     per_field = 4 * math.pi / Camera("pinhole", *size, middle_f).solid_angle_sr
     middle = (np.array(size) - 1) / 2
@@ -149,7 +151,7 @@ def _find(
 
 @lru_cache(maxsize=8)
 def triangles_of(n: int) -> Triangles:
-    """Return the triangles of the `n` brightest stars of the sky with their neighbours."""
+    """Return the triangles that the `n` brightest stars of the sky form with their neighbours."""
     from scipy.spatial import cKDTree
 
     xyz = load_deep_sky_index().xyz[:n].astype(np.float64)
@@ -168,9 +170,10 @@ def triangles_of(n: int) -> Triangles:
 
 
 def _described(points: F8, corners: Rows) -> tuple[Rows, F8, F8]:
-    """Order the corners, shape (t, 3), by the sides opposite; also shapes (t, 2) and longest sides. Thin ones are left out.
+    """Order the corners, shape (t, 3), by their opposite sides; also return shapes (t, 2) and longest sides.
 
-    `points` are unit vectors, or (u, v, 1) in the frame: the determinant tells the sense of turning of both.
+    Thin triangles are left out. `points` are unit vectors, or (u, v, 1) in the frame; for both, the determinant gives the
+    sense of rotation.
     """
     sides = np.stack(
         [np.linalg.norm(points[corners[:, b]] - points[corners[:, c]], axis=1) for b, c in ((1, 2), (2, 0), (0, 1))],
@@ -181,7 +184,7 @@ def _described(points: F8, corners: Rows) -> tuple[Rows, F8, F8]:
     sense = np.sign(np.linalg.det(points[corners]))
     ratios = sides[:, 1:] / np.maximum(sides[:, :1], 1e-12)
     shape = np.column_stack((ratios[:, 0], sense * ratios[:, 1]))
-    # Twice the area over the square of the longest side, by Heron's formula: small where the corners lie on a line.
+    # Twice the area over the square of the longest side, by Heron's formula; small if the corners are almost collinear.
     b, c = ratios.T
     area = np.sqrt(np.maximum((1 + b + c) * (b + c - 1) * (1 + c - b) * (1 + b - c), 0)) / 2
     good = (ratios[:, 1] > _THINNEST) & (area > _THINNEST / 2)
@@ -189,7 +192,7 @@ def _described(points: F8, corners: Rows) -> tuple[Rows, F8, F8]:
 
 
 def _triangles_seen(seen: F8, shortest_px: float) -> tuple[Rows, F8, F8]:
-    """Triangles of detections whose longest side is long enough, those of the brightest first."""
+    """Return the triangles of detections whose longest side is long enough, those of the brightest first."""
     n = len(seen)
     i, j, k = np.meshgrid(np.arange(n), np.arange(n), np.arange(n), indexing="ij")
     corners = np.column_stack([part[(i < j) & (j < k)] for part in (i, j, k)])
@@ -209,7 +212,7 @@ def _cell(first: NDArray[np.floating], second: NDArray[np.floating]) -> NDArray[
 
 
 def _fitting(table: Triangles, shape: F8) -> Iterator[tuple[Rows, Rows]]:
-    """Yield rows of the shapes and of the table's triangles that agree, some thousands at a time."""
+    """Yield rows of the shapes and of the table's triangles that match, some thousands at a time."""
     low, end = (
         np.stack([np.searchsorted(table.cell, _cell(shape[:, 0] + step * _TOLERANCE, shape[:, 1] + side * _TOLERANCE) + past)
                   for step in (-1, 0, 1)], axis=1).ravel()
@@ -230,8 +233,8 @@ def _fitting(table: Triangles, shape: F8) -> Iterator[tuple[Rows, Rows]]:
 
 
 def _orientations(seen: F8, corners: Rows, stars: F4, f_px: F8) -> F4:
-    """Rotations camera to sky, shape (h, 3, 3), that lay the longest sides of triangles on those of stars."""
-    # The longest side lies between the second and the third corner.
+    """Return rotations from camera to sky, shape (h, 3, 3), that map the longest sides of triangles onto those of stars."""
+    # The longest side is between the second and the third corner.
     rays = np.concatenate((seen[corners[:, 1:]], np.broadcast_to(f_px[:, None, None], (len(f_px), 2, 1))), axis=2)
     rays = (rays / np.linalg.norm(rays, axis=2, keepdims=True)).astype(np.float32)
     of_sky = triads(np.ascontiguousarray(stars[:, 1]), np.ascontiguousarray(stars[:, 2]))
@@ -240,7 +243,7 @@ def _orientations(seen: F8, corners: Rows, stars: F4, f_px: F8) -> F4:
 
 
 def _scores(to_sky: F4, seen: F8, f_px: F8, level: Level, index: SkyIndex) -> F4:
-    """Sum over the detections of max(0, 1 - (distance / tolerance)^2) under each orientation with its focal length."""
+    """Return the sum over the detections of max(0, 1 - (distance / tolerance)^2) for each orientation and focal length."""
     scores = np.zeros(len(to_sky), dtype=np.float32)
     for start in range(0, len(to_sky), 256):
         part = slice(start, start + 256)

@@ -1,11 +1,11 @@
 """Verification of a hypothesis: predict the field, count agreements, and bound the probability of a chance agreement.
 
 The probability that chance explains k agreements of m detections is a binomial tail, bounded by Chernoff's inequality
-(Chernoff 1952, Ann. Math. Statist. 23, 493). A union bound over what was tried multiplies it, in one of two ways, of which
-the smaller counts: by the hypotheses and radii that were tried, where the stars that made the hypothesis prove nothing; or
-by all orientations and focal lengths that what is known leaves open, in steps so small that every one of them agrees, within
-a somewhat larger radius, with a step; there every star counts. Many stars make the first smaller, few stars or a position
-known from before the second.
+(Chernoff 1952, Ann. Math. Statist. 23, 493). It is multiplied by a union bound over the trials, in one of two ways, of which
+the smaller counts. The first multiplies by the hypotheses and radii that were tried; then the stars that made the hypothesis
+prove nothing. The second multiplies by the number of all orientations and focal lengths that remain possible, in steps so
+small that each of them agrees, within a somewhat larger radius, with a step; then every star counts. The first is smaller if
+there are many stars, the second if there are few or a last known position is given.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ CROWD_PX = 80.0
 FOCAL_PRIOR = 0.03  # standard deviation of the logarithm of the focal length while hypotheses are verified
 MOST_LOG_F = 0.12  # beyond it the search would have to start with another focal length
 _RADII = (1.0, 0.6, 0.35)
-# Steps of the cover of all orientations and focal lengths: how far a position may move between a step and what it stands
-# for, in radii of agreement.
+# Steps that cover all orientations and focal lengths: largest shift of a position between a step and the values that it
+# represents, in units of the agreement radius.
 TURN_STEP, FOCAL_STEP = 0.5, 0.25
-# Searches of one frame: three focal lengths, two orders of detections or a second one of the whole sky, and each with the
-# attitude as it is told and without.
+# Number of searches for one frame: three focal lengths; two orders of detections, or a second search of the whole sky; each
+# with and without the supplied attitude.
 SEARCHES = 12
 
 
@@ -48,7 +48,7 @@ class Alignment:
     sigma_px : float
         Robust standard deviation of their residuals along each axis.
     log10_false_alarm : float
-        Bound of the probability that chance does as well, over all that was tried.
+        Decimal logarithm of the bound on the probability that chance does as well, over all trials.
     """
 
     rotation: F8
@@ -61,22 +61,22 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Region:
-    """The orientations that what is known leaves open.
+    """The set of orientations that remain possible given the inputs.
 
     Attributes
     ----------
     volume : float
-        Their measure, radians to the power of `dimensions`; all rotations have 8 pi^2.
+        Measure of the set, radians to the power of `dimensions`; the set of all rotations has 8 pi^2.
     dimensions : int
-        3, or 2 where a known heading ties the orientation to the position.
+        3, or 2 if a known heading ties the orientation to the position.
     """
 
     volume: float = 8 * math.pi**2
     dimensions: int = 3
 
     def log10_steps(self, step_rad: float) -> float:
-        """Return the decimal logarithm of how many steps cover the region so that each is within `step_rad` of one."""
-        # The corner of a cube is sqrt(dimensions) half sides from its middle.
+        """Return the decimal logarithm of the number of steps such that every orientation is within `step_rad` of one."""
+        # The corner of a cube is sqrt(dimensions) half sides from its centre.
         side = 2 * step_rad / math.sqrt(self.dimensions)
         return max(math.log10(self.volume) - self.dimensions * math.log10(side), 0.0)
 
@@ -87,7 +87,7 @@ WHOLE_SKY = Region()
 def rotation_of(vector: F8) -> F8:
     """Return the rotation matrix of a rotation vector (Rodrigues).
 
-    Solving from centroids needs nothing of scipy, whose import would take several times as long as the solution.
+    This avoids scipy, whose import would take several times as long as solving from centroids.
     """
     x, y, z = vector.tolist()
     square = x * x + y * y + z * z
@@ -105,7 +105,7 @@ def rotation_of(vector: F8) -> F8:
 
 
 def turning_derivatives(dirs: F8, by_direction: F8) -> F8:
-    """Derivatives of pixel positions by a small turn of the sky, shape (n, 2, 3): J (w x d) for each axis w."""
+    """Derivatives of pixel positions by a small rotation of the sky, shape (n, 2, 3): J (w x d) for each axis w."""
     x, y, z = dirs.T
     a, b, c = by_direction[:, :, 0], by_direction[:, :, 1], by_direction[:, :, 2]
     x, y, z = x[:, None], y[:, None], z[:, None]
@@ -117,7 +117,7 @@ def turning_derivatives(dirs: F8, by_direction: F8) -> F8:
 
 
 def log10_chance(agreeing: int, tried: int, chance: float) -> float:
-    """Chernoff's bound, decimal logarithm, of `agreeing` or more successes in `tried` of probability `chance`."""
+    """Decimal logarithm of Chernoff's bound on `agreeing` or more successes in `tried` trials of probability `chance`."""
     if agreeing <= 0 or tried <= 0:
         return 0.0
     part = min(agreeing / tried, 1.0)
@@ -148,21 +148,21 @@ def verify(
     camera : Camera
         The camera.
     uv : ndarray, shape (m, 2)
-        Detections, refraction taken off.
+        Detections with refraction removed.
     xyz : ndarray, shape (n, 3)
         Stars of the sky that may be seen.
     rotation : ndarray, shape (3, 3)
         Sky to camera.
     tolerance_px : float
-        How far the hypothesis may be off.
+        Largest error of positions under the hypothesis.
     log10_tried : float
-        Decimal logarithm of how many hypotheses were looked at.
+        Decimal logarithm of the number of hypotheses tried.
     free_stars : int
-        Agreements that prove nothing, because the hypothesis was made of them.
+        Number of agreements that prove nothing, because the hypothesis was made from them.
     region : Region
-        Orientations among which the hypothesis was looked for.
+        Orientations among which the hypothesis was searched for.
     finest_rad : float
-        Smallest scale of a pixel (`Camera.radians_per_px`) among those of the detections.
+        Smallest pixel scale (`Camera.radians_per_px`) among the detections.
     """
     log_f, radius = 0.0, tolerance_px
     rounds = 3 if tolerance_px <= 6 else 4
@@ -185,7 +185,7 @@ def verify(
             return Alignment(rotation, log_f, detection, rows[star], sigma, 0.0)
         residual = uv[detection] - predicted[star]
         size = np.abs(residual).ravel()
-        # Four numbers are fitted: of few stars the residuals are smaller than the noise.
+        # Four parameters are fitted, so with few stars the residuals are smaller than the noise.
         fitted = math.sqrt(len(star) / max(len(star) - 2, 1))
         sigma = fitted * 1.4826 * float(np.partition(size, len(size) // 2)[len(size) // 2])
         if round_ == rounds - 1:
@@ -210,11 +210,11 @@ def verify(
     length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
     n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
     crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
-    # The fit could choose among the places that the tolerance holds, in each of its dimensions.
+    # The fit could choose among all places within the tolerance, in each of its dimensions.
     tried = log10_tried + 3 * math.log10(max(tolerance_px / radius, 1.0))
     best = 0.0
     radii = radius * np.array(_RADII)
-    # By chance a star lies within each radius, and within each as a turn and a focal length may be off besides.
+    # Areas in which a star may be by chance: each radius, and each radius widened by the steps in rotation and focal length.
     areas = math.pi * np.concatenate((radii, (1 + TURN_STEP + FOCAL_STEP) * radii)) ** 2
     chances = np.maximum((-np.expm1(-areas[:, None] * crowding)).mean(axis=1), 1e-12).tolist()
     for k, r in enumerate(radii.tolist()):
@@ -230,9 +230,9 @@ def verify(
 
 
 def log10_focal_shell(camera: Camera, log_f: float, radius_px: float) -> float:
-    """Return the decimal logarithm of how many times likelier all focal lengths together are than those in steps like one.
+    """Return the decimal logarithm of the factor on the false-alarm bound for the choice of a focal length.
 
-    The focal length given is the likeliest: the n-th shell around it has 1/n(n + 1) of the allowed false alarms.
+    The supplied focal length is the most likely: the n-th shell around it gets 1/(n (n + 1)) of the allowed false alarms.
     """
     half_diagonal = math.hypot(camera.width, camera.height) / 2
     shell = max(math.ceil(abs(log_f) * half_diagonal / (2 * FOCAL_STEP * radius_px) + 1e-9), 1)
@@ -240,19 +240,19 @@ def log10_focal_shell(camera: Camera, log_f: float, radius_px: float) -> float:
 
 
 def _may_be_seen(camera: Camera, xyz: F8, rotation: F8, tolerance_px: float) -> NDArray[np.intp]:
-    """Rows of the stars that the frame may show once the rotation and the focal length are refined."""
+    """Return the rows of the stars that the frame may show after rotation and focal length are refined."""
     middle, reach = field_cone(camera)
     rows = np.flatnonzero(xyz @ (rotation.T @ np.array(middle)) > math.cos(min(reach + 0.1, math.pi)))
     predicted = camera.project(xyz[rows] @ rotation.T)
-    # Refinement moves a corner by as much as the largest change of the focal length does, and the field by its turn.
+    # Refinement moves a corner by up to the effect of the largest change of focal length, and the field by its rotation.
     margin = math.expm1(MOST_LOG_F) * math.hypot(camera.width, camera.height) / 2 + 2 * tolerance_px
     return np.asarray(rows[camera.in_frame(predicted, margin)])
 
 
 def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
-    """Predicted stars per square pixel around each detection, shape (n,).
+    """Return the density of predicted stars around each detection, per square pixel, shape (n,).
 
-    Where the sky is crowded, both crowd: chance has to be judged there and not on the mean of the frame.
+    Where the sky is crowded, both stars and detections crowd, so chance must be judged locally and not by the frame's mean.
     """
     detection, _, _ = candidate_pairs(seen, predicted, radius_px)
     return np.asarray(np.bincount(detection, minlength=len(seen)) / (math.pi * radius_px**2))
@@ -260,7 +260,7 @@ def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
 
 @lru_cache(maxsize=32)
 def field_cone(camera: Camera) -> tuple[tuple[float, float, float], float]:
-    """Direction of the middle of the frame, and the largest angle from it to the frame's border, radians."""
+    """Return the direction of the frame's centre, and the largest angle from it to the frame's border, radians."""
     middle = camera.to_rays(np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]]))[0]
     u, v = np.linspace(-0.5, camera.width - 0.5, 9), np.linspace(-0.5, camera.height - 0.5, 9)
     border = np.concatenate(

@@ -1,1 +1,1 @@
-"""Of a lens: how well it is known."""
+"""Uncertainty of a calibrated lens."""

@@ -1,4 +1,4 @@
-"""How well a calibration knows a lens, and the attitude that was calibrated with it."""
+"""Uncertainty of a calibrated lens, and the attitude that was calibrated with it."""
 
 from __future__ import annotations
 
@@ -21,27 +21,28 @@ _LARGEST_COEFFICIENT = 1e9
 
 @dataclass(frozen=True)
 class LensUncertainty:
-    """How well a calibration knows a lens.
+    """Uncertainty of a calibrated lens.
 
     Attributes
     ----------
     names : tuple of str
-        Parameters: ``f_px`` (of both axes unless ``fy_px`` is among them), ``cx_px``, ``cy_px``, ``k1``..., ``p1``, ``p2``,
-        ``s1``..., ``tau_x_rad``, ``tau_y_rad``.
+        Names of the parameters: ``f_px`` (for both axes unless ``fy_px`` is among them), ``cx_px``, ``cy_px``, ``k1``...,
+        ``p1``, ``p2``, ``s1``..., ``tau_x_rad``, ``tau_y_rad``.
     rows : tuple of tuple of float
-        Their covariance, the attitudes of the calibration's frames free.
+        Covariance of the parameters, with the attitudes of the calibration's frames free.
     R_cam : tuple of tuple of float
-        The attitude that was calibrated with the lens (east-north-up to camera): it is wrong in the same way. Empty: none.
+        The attitude that was calibrated with the lens (east-north-up to camera), whose errors are correlated with those of
+        the lens; empty if there is none.
     turn_by_lens : tuple of tuple of float
-        How that attitude turns in the camera frame, radians, with each parameter; three rows.
+        Rotation of that attitude in the camera frame per unit of each parameter, radians; three rows.
     star_cells : tuple of tuple of float
-        u, v (px) and information (px^-2) of the stars that it came from, gathered in cells of the frame: what the lens' form
-        leaves there has turned the attitude too.
+        u, v (px) and information (px^-2) of the calibration's stars, averaged over cells of the frame. Residuals of the
+        lens form there have rotated the attitude too.
 
     Raises
     ------
     CameraError
-        When a name is unknown, or the matrix is no covariance of as many parameters.
+        When a name is unknown, or the matrix is not a covariance of as many parameters.
     """
 
     names: tuple[str, ...]
@@ -86,7 +87,7 @@ class LensUncertainty:
 
     @classmethod
     def from_dict(cls, record: object) -> LensUncertainty:
-        """Make one from ``parameters`` and ``covariance``."""
+        """Make one from the keys ``parameters`` and ``covariance``."""
         if not isinstance(record, Mapping) or not {"parameters", "covariance"} <= record.keys():
             raise CameraError("camera uncertainty must hold parameters and covariance")
         names = record["parameters"]
@@ -101,7 +102,7 @@ class LensUncertainty:
         return cls(tuple(names), record["covariance"], **values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `from_dict` reads."""
+        """Return the mapping that `from_dict` reads."""
         content: dict[str, Any] = {"parameters": list(self.names), "covariance": [list(row) for row in self.rows]}
         if self.R_cam:
             content["attitude"] = {

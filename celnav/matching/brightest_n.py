@@ -1,8 +1,8 @@
 """One deep catalogue and the N brightest detections: the plain alternative to selecting a catalogue.
 
-The brightest detections of any frame, dark or bright sky, are bright stars, so that a catalogue deep enough to hold them
-all needs no knowledge of the sky. Votes are then divided by the number of the image's features: stars that only the
-catalogue has cost nothing. What they would shift is theta_max, the farthest neighbour, which is why rho is taken against
+The brightest detections of any frame, under a dark or bright sky, are bright stars, so a catalogue deep enough to contain
+them all needs no knowledge of the sky. Votes are divided by the number of features in the image, so stars that only the
+catalogue has cost nothing. They would, however, shift theta_max, the farthest neighbour; rho is therefore taken relative to
 the radius here.
 """
 

@@ -1,4 +1,4 @@
-"""Which catalogues to look into: density, neighbours, and the consensus of earlier frames (the thesis, section 4.iv)."""
+"""Choice of the catalogues to search: density, neighbours, and the consensus of earlier frames (the thesis, section 4.iv)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CatalogueChoice:
-    """Rows of the catalogues to probe, in rising depth, and the consensus one where there is any."""
+    """Rows of the catalogues to probe, in order of depth, and the consensus catalogue if there is one."""
 
     probed: tuple[int, ...]
     consensus: int | None = None
@@ -29,18 +29,18 @@ def choose_catalogues(
     config: DdrConfig,
     history: History | None,
 ) -> CatalogueChoice:
-    """Choose the catalogues that a frame is compared with.
+    """Choose the catalogues with which a frame is compared.
 
     Parameters
     ----------
     rays : ndarray, shape (n, 3)
         Unit vectors of the detections.
     central : ndarray of int, shape (n,)
-        Their rows, the most central first.
+        Rows of the detections, the most central first.
     catalogues : tuple of Patterns
-        In rising depth.
+        The catalogues, in order of depth.
     config : DdrConfig
-        Fixed catalogue, density, probing, consensus.
+        Settings of fixed catalogue, density, probing and consensus.
     history : History or None
         Matches of earlier frames.
     """
@@ -62,13 +62,13 @@ def choose_catalogues(
 
 
 def observed_density(rays: F8, central: NDArray[np.intp], config: DdrConfig) -> float:
-    """Median or mean number of detections within the radius of the most central ones."""
+    """Return the median or mean number of detections within the radius of the most central ones."""
     references = rays[central[: config.density_references]]
     counts = np.count_nonzero(references @ rays.T >= np.cos(np.radians(config.patterns.radius_deg)), axis=1) - 1
     return float(np.median(counts) if config.density_statistic == "median" else np.mean(counts))
 
 
 def nearest_density(density: float, catalogues: tuple[Patterns, ...]) -> int:
-    """Row of the catalogue whose mean neighbour count is nearest in the logarithm."""
+    """Return the row of the catalogue whose mean neighbour count is nearest in the logarithm."""
     expected = np.array([catalogue.mean_neighbours for catalogue in catalogues])
     return int(np.argmin(np.abs(np.log(np.maximum(expected, 1e-3)) - np.log(max(density, 0.5)))))

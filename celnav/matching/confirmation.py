@@ -1,9 +1,9 @@
 """Confirmation of a candidate by the relative bearings of its neighbours.
 
-The thesis (section 4.i) encodes "relative bearing angles between neighbors" beside distances without saying how they are
-compared. Two readings: `align` finds the one rotation about the reference star that brings most neighbours of the image
-onto neighbours of the pattern; `compare_differences` compares the angle from each neighbour to the next. Both keep the
-sense of rotation, so that a mirror image does not pass.
+The thesis (section 4.i) encodes "relative bearing angles between neighbors" along with distances, without stating how they
+are compared. There are two readings: `align` finds the rotation about the reference star that brings most neighbours of the
+image onto neighbours of the pattern; `compare_differences` compares the angle from each neighbour to the next. Both respect
+the sense of rotation, so a mirror image does not pass.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Alignment:
     rotation_rad : float
         Image bearing minus pattern bearing.
     image, pattern : ndarray of int, shape (m,)
-        Rows of the image's and of the pattern's neighbours that fall together, one to one.
+        Rows of the image's and of the pattern's neighbours that coincide, one to one.
     log10_false_alarm : float
         Bound on the decimal logarithm of the probability that chance alone does as well at *some* rotation.
     """
@@ -53,14 +53,14 @@ def align(
     image_theta, image_bearing : ndarray, shape (n,)
         Distances and bearings of the detections around the reference, radians.
     pattern_theta, pattern_bearing : ndarray, shape (m,)
-        The same of the catalogue pattern, sorted by distance.
+        The same for the catalogue pattern, sorted by distance.
     tolerance_rad : float
-        Two neighbours fall together within this distance, along and across.
+        Distance, along and across, within which two neighbours coincide.
     radius_rad : float
         Radius of the pattern, for the false-alarm probability.
     """
     nothing = Alignment(0.0, np.empty(0, np.intp), np.empty(0, np.intp), 0.0)
-    # Pairs of like distance only: a window of the sorted pattern for each neighbour in the image.
+    # Consider only pairs of similar distance: a window of the sorted pattern for each neighbour in the image.
     low = np.searchsorted(pattern_theta, image_theta - tolerance_rad)
     count = np.searchsorted(pattern_theta, image_theta + tolerance_rad, side="right") - low
     total = int(count.sum())
@@ -70,7 +70,7 @@ def align(
     j = np.arange(total) + np.repeat(low - np.cumsum(count) + count, count)
     turn = (image_bearing[i] - pattern_bearing[j]) % _TURN
     sine = np.maximum(np.sin(image_theta[i]), 1e-9)
-    # Bins of the tolerance at the middle of the pattern; a peak may straddle an edge, hence sums of two.
+    # Bins have the width of the tolerance at half the radius of the pattern. A peak may straddle an edge, hence sums of two.
     n_bins = max(8, int(_TURN * math.sin(radius_rad / 2) / tolerance_rad))
     histogram = np.bincount((turn / _TURN * n_bins).astype(np.intp) % n_bins, minlength=n_bins)
     peak = int(np.argmax(histogram + np.roll(histogram, -1)))
@@ -100,9 +100,9 @@ def compare_differences(
 ) -> Alignment:
     """Compare sorted bearing differences.
 
-    Each neighbour in the image is paired with the one of the pattern that is nearest to it in distance (and to which it
-    is the nearest). The pairs are sorted by their bearing in the image, and the angle from each to the next is compared
-    with the same angle of the pattern. A neighbour agrees when the step that leads to it or the step that leaves it does.
+    Each neighbour in the image is paired with the neighbour of the pattern that is nearest in distance (and to which it is
+    the nearest). The pairs are sorted by their bearing in the image, and the angle from each to the next is compared with the
+    same angle in the pattern. A neighbour agrees if the step to it or the step from it agrees.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def compare_differences(
     rows, columns = rows[order], columns[order]
     step_image = np.roll(image_bearing[rows], -1) - image_bearing[rows]
     step_pattern = np.roll(pattern_bearing[columns], -1) - pattern_bearing[columns]
-    # A bearing is known to the tolerance divided by the sine of the distance; a step has two ends.
+    # The uncertainty of a bearing is the tolerance divided by the sine of the distance; a step has two ends.
     wide = tolerance_rad / np.maximum(np.sin(image_theta[rows]), tolerance_rad)
     allowed = np.minimum(np.hypot(wide, np.roll(wide, -1)), np.pi)
     agrees = np.abs(_wrap(step_image - step_pattern)) <= allowed
@@ -141,7 +141,7 @@ def compare_differences(
 
 
 def log10_chance(n: int, expected: float) -> float:
-    """Chernoff's bound on log10 of the probability of n or more events where `expected` are (Poisson)."""
+    """Return Chernoff's bound on log10 of the probability of n or more events if `expected` are expected (Poisson)."""
     if n <= expected or n == 0:
         return 0.0
     return (n - expected - n * math.log(n / expected)) / math.log(10)
@@ -154,7 +154,7 @@ def _wrap(angle: F8) -> F8:
 def keep_mutually_nearest(
     rows: NDArray[np.intp], columns: NDArray[np.intp], distance: F8
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Keep pairs that are each other's nearest."""
+    """Keep the pairs that are each other's nearest."""
     order = np.argsort(distance, kind="stable")
     rows, columns = rows[order], columns[order]
     first_row = np.zeros(len(rows), dtype=bool)

@@ -1,15 +1,15 @@
 """Dynamic distance ratios after Dai et al.: ratios of distances and accumulated angle, no absolute distance.
 
-Only the paper's abstract and introduction are open; the method is rebuilt from what they say: no anchor star, a first
-criterion of angles between any two neighbours and ratios of distances, then a match degree for each star of the catalogue
-from the angle accumulated counterclockwise under that criterion, the highest of which wins. Thresholds are ours.
+Only the paper's abstract and introduction are open, and the method is reconstructed from them: no anchor star; a first
+criterion of angles between any two neighbours and ratios of distances; then, for each star of the catalogue, a match degree
+from the angle accumulated counterclockwise under that criterion, the highest of which wins. The thresholds are ours.
 
-For a reference star the neighbours have distances d and bearings beta. Two of them, i nearer than j, make a feature
-(d_i/d_j, beta_j - beta_i). It depends on neither the scale nor the rotation of the pattern, and a missing star removes the
-features that it is part of and no other. A look-up table of the features of all catalogue stars collects votes. For the
-candidates with most votes one scale and one rotation are found that bring most neighbours together, which is to satisfy
-both criteria for every two of them; walking counterclockwise, the steps between neighbours that both agree are added up,
-and their share of the turn is the match degree.
+For a reference star, the neighbours have distances d and bearings beta. Two of them, i nearer than j, form a feature
+(d_i/d_j, beta_j - beta_i). It depends on neither the scale nor the rotation of the pattern, and a missing star removes only
+the features that it is part of. A look-up table of the features of all catalogue stars collects votes. For the candidates
+with most votes, the scale and rotation are found that bring most neighbours together, which satisfies both criteria for
+every two of them. The steps, counterclockwise, between neighbours that both agree are added up, and their fraction of the
+full turn is the match degree.
 
 References
 ----------
@@ -47,34 +47,34 @@ from celnav.sky.catalog import load_catalog
 
 F8 = NDArray[np.float64]
 _TURN = 2 * math.pi
-# Three neighbours or fewer agree with some star under some scale and rotation.
+# Least number of detections: three neighbours or fewer agree with some star under some scale and rotation.
 LEAST_DETECTIONS = 5
 
 
 @dataclass(frozen=True)
 class DaiConfig:
-    """Choices of the matcher. Frozen and hashable.
+    """Configuration of the matcher. Frozen and hashable.
 
     Attributes
     ----------
     limit_decimag : int
         Magnitude limit of the catalogue, in tenths of a magnitude.
     radius_deg : float
-        Neighbours are the stars within this distance.
+        Radius within which stars are neighbours.
     neighbours : int
-        Of a reference detection, this many are used: the brightest where fluxes are known, else the nearest.
+        Number of neighbours used for a reference detection: the brightest if fluxes are known, else the nearest.
     ratio_bin, angle_bin_deg : float
         Bins of the look-up table.
     references : int
-        Reference detections tried, from the middle of the frame outwards.
+        Number of reference detections tried, from the centre of the frame outwards.
     candidates : int
-        Stars with most votes whose match degree is computed.
+        Number of stars with most votes whose match degree is computed.
     largest_scale : float
-        Image distances may be this factor larger or smaller than the catalogue's.
+        Factor by which image distances may be larger or smaller than those of the catalogue.
     match_tolerance_deg : float
         Distance within which two neighbours agree.
     min_degree : float
-        Least match degree, the accumulated angle as a part of the turn.
+        Least match degree, the accumulated angle as a fraction of the full turn.
     max_log10_false_alarm : float
         As for the thesis' matcher; scales and rotations are counted.
     """
@@ -96,17 +96,17 @@ class DaiConfig:
 
     @property
     def patterns(self) -> PatternConfig:
-        """The database whose neighbours are compared."""
+        """Configuration of the database whose neighbours are compared."""
         return PatternConfig(limits_decimag=(self.limit_decimag,), radius_deg=self.radius_deg)
 
     @property
     def n_angle(self) -> int:
-        """Bins of the angle over the whole turn."""
+        """Number of bins of the angle over the full turn."""
         return math.ceil(360 / self.angle_bin_deg - 1e-9)
 
     @property
     def n_ratio(self) -> int:
-        """Bins of the ratio from 0 to 1."""
+        """Number of bins of the ratio from 0 to 1."""
         return math.ceil(1 / self.ratio_bin - 1e-9)
 
     def features(self, theta_rad: F8, bearing_rad: F8) -> NDArray[np.int64]:
@@ -115,11 +115,12 @@ class DaiConfig:
         Parameters
         ----------
         theta_rad, bearing_rad : ndarray, shape (n,)
-            Neighbours by rising distance.
+            Neighbours in order of distance.
 
         Returns
         -------
         ndarray of int64, shape (n (n - 1) / 2,)
+            Bin of each pair.
         """
         near, far = np.triu_indices(len(theta_rad), 1)
         ratio = theta_rad[near] / np.maximum(theta_rad[far], 1e-12)
@@ -130,13 +131,13 @@ class DaiConfig:
 
 @dataclass(frozen=True, eq=False)
 class RatioTable:
-    """Stars by feature: bin b's are ``star[start[b]:start[b + 1]]``, as often as they have it."""
+    """Stars by feature: those of bin b are ``star[start[b]:start[b + 1]]``, listed as often as they have it."""
 
     start: NDArray[np.int64]
     star: NDArray[np.int16]
 
     def votes(self, bins: NDArray[np.int64], n_stars: int) -> NDArray[np.int64]:
-        """Count the features that fall into the same bin as one of the given, for each star; shape (n_stars,)."""
+        """Count, for each star, its features in the same bin as one of the given features; shape (n_stars,)."""
         first, length = self.start[bins], self.start[bins + 1] - self.start[bins]
         positions = np.arange(int(length.sum())) + np.repeat(first - np.cumsum(length) + length, length)
         return np.bincount(self.star[positions], minlength=n_stars)
@@ -149,11 +150,11 @@ class Agreement:
     Attributes
     ----------
     image, pattern : ndarray of int, shape (m,)
-        Rows that fall together, one to one.
+        Rows that coincide, one to one.
     scale : float
         Image distance over catalogue distance.
     degree : float
-        Accumulated angle as a part of the turn.
+        Accumulated angle as a fraction of the full turn.
     log10_false_alarm : float
         Bound on the decimal logarithm of the probability that chance does as well.
     """
@@ -166,21 +167,21 @@ class Agreement:
 
 
 def accumulated_angle(bearing_rad: F8, agrees: NDArray[np.bool_]) -> float:
-    """Part of the turn that is covered by steps, counterclockwise, between two neighbours that both agree.
+    """Return the fraction of the full turn covered by counterclockwise steps between neighbours that both agree.
 
     Parameters
     ----------
     bearing_rad : ndarray, shape (n,)
         Bearings of all neighbours considered.
     agrees : ndarray of bool, shape (n,)
-        Which of them agree.
+        Which of the neighbours agree.
     """
     order = np.argsort(bearing_rad % _TURN, kind="stable")
     bearing, good = bearing_rad[order] % _TURN, agrees[order]
     if len(bearing) < 2:
         return 0.0
     step = (np.roll(bearing, -1) - bearing) % _TURN
-    # A sum over the whole turn may exceed it by rounding.
+    # Rounding may make the sum over all steps exceed the full turn.
     return min(float(step[good & np.roll(good, -1)].sum() / _TURN), 1.0)
 
 
@@ -210,7 +211,7 @@ def agree(image_theta: F8, image_bearing: F8, pattern_theta: F8, pattern_bearing
     row = np.minimum(((log_scale + reach) / scale_step).astype(np.intp), n_scale - 1)
     column = (turn / _TURN * n_turn).astype(np.intp) % n_turn
     histogram = np.bincount(row * n_turn + column, minlength=n_scale * n_turn).reshape(n_scale, n_turn)
-    # A peak may straddle the edges of its bin, hence sums of two by two.
+    # A peak may straddle the edges of its bin, hence sums over two by two bins.
     wide = histogram + np.roll(histogram, -1, axis=1)
     wide[:-1] += wide[1:].copy()
     peak_row, peak_column = np.unravel_index(int(np.argmax(wide)), wide.shape)
@@ -220,7 +221,7 @@ def agree(image_theta: F8, image_bearing: F8, pattern_theta: F8, pattern_bearing
     for _ in range(2):
         if not near.any():
             return nothing
-        # Far neighbours tell the scale best; the ratio of sums weighs them so.
+        # Far neighbours determine the scale best; the ratio of sums weights them accordingly.
         scale = float(image_theta[i[near]].sum() / pattern_theta[j[near]].sum())
         rotation += float(np.median(_wrap(turn[near] - rotation)))
         along = image_theta[i] - scale * pattern_theta[j]
@@ -241,7 +242,7 @@ class DaiMatcher:
     config: DaiConfig = field(default_factory=DaiConfig)
 
     def identify(self, observation: Observation, history: History | None = None) -> Identification:
-        """Identify; see `celnav.matching.Matcher`. The history is neither read nor extended."""
+        """Identify the stars; see `celnav.matching.Matcher`. The history is neither read nor extended."""
         config = self.config
         catalogue = load_patterns(config.patterns)[0]
         table = load_ratios(config)
@@ -251,7 +252,7 @@ class DaiMatcher:
                 f"{len(observation.rays)} detections; ddr-dai needs a reference star and {LEAST_DETECTIONS - 1} neighbours",
             )
         rank = np.arange(len(observation.rays)) if observation.flux is None else np.argsort(-observation.flux)
-        # The image is cut where the catalogue ends, so that reference stars are stars of the catalogue.
+        # Use only as many detections as the catalogue has stars in the field, so that reference stars are in the catalogue.
         if observation.flux is not None:
             share = observation.camera.solid_angle_sr / (4 * math.pi)
             rank = rank[: max(config.neighbours, round(len(catalogue) * share))]
@@ -285,7 +286,7 @@ class DaiMatcher:
         return self._conclude(catalogue, *best)
 
     def _neighbours(self, observation: Observation, rank: NDArray[np.intp], reference: int) -> NDArray[np.intp]:
-        """Detections around a reference, by rising distance."""
+        """Return the detections around a reference, in order of distance."""
         theta = separations(observation.rays[reference], observation.rays[rank])
         within = np.flatnonzero((theta <= math.radians(self.config.radius_deg)) & (rank != reference))
         if observation.flux is None:
@@ -317,7 +318,7 @@ class DaiMatcher:
 
 @lru_cache(maxsize=4)
 def load_ratios(config: DaiConfig) -> RatioTable:
-    """Return the look-up table of a configuration, from the cache where it is."""
+    """Return the look-up table of a configuration, from the cache if it is there."""
     catalogue = load_patterns(config.patterns)[0]
 
     def build() -> Mapping[str, NDArray[np.generic]]:

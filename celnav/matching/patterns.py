@@ -1,8 +1,8 @@
 """Pattern database and look-up table of the thesis (section 4.i), in contiguous arrays.
 
-For each magnitude-limited catalogue and each of its stars, the neighbours within a radius: their distance theta, the
-ratio rho = theta / theta_max, and their bearing. The look-up table lists, for every bin of (theta, rho), the stars
-that have a neighbour in it.
+For each magnitude-limited catalogue and each of its stars, the database holds the neighbours within a radius: their distance
+theta, the ratio rho = theta / theta_max, and their bearing. The look-up table lists, for every bin of (theta, rho), the
+stars that have a neighbour in it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ F4 = NDArray[np.float32]
 I4 = NDArray[np.int32]
 
 
-# Pairs of stars grow with the square of their number: 8,900 stars to V 6.5 make some ten million.
+# The number of pairs grows with the square of the number of stars: 8,900 stars to V 6.5 make some ten million.
 MAX_LIMIT_DECIMAG = 65
 
 
@@ -39,12 +39,12 @@ class PatternConfig:
     limits_decimag : tuple of int
         Magnitude limits of the catalogues, in tenths of a magnitude: 20 .. 45 in the thesis.
     radius_deg : float
-        Neighbours are the stars within this distance of the reference star.
+        Radius around the reference star within which stars are neighbours.
     theta_bin_deg, rho_bin : float
         Bins of the look-up table; 0.5 deg and 0.02 in the thesis.
     theta_max : str
-        What rho is the ratio to: the farthest neighbour of the ``pattern``, in the image that of the image's own, or
-        the ``radius``, which no missing star can change.
+        Denominator of rho: the farthest neighbour in the ``pattern`` (for the image, its own farthest neighbour), or the
+        ``radius``, which does not depend on missing stars.
     """
 
     limits_decimag: tuple[int, ...] = bounded(tuple(range(20, 46)), -20, MAX_LIMIT_DECIMAG)
@@ -65,7 +65,7 @@ class PatternConfig:
 
     @property
     def n_rho(self) -> int:
-        """Number of bins in rho; rho = 1, the farthest neighbour, falls into the last."""
+        """Number of bins in rho; rho = 1, the farthest neighbour, falls into the last one."""
         return int(np.ceil(1 / self.rho_bin - 1e-9))
 
     def bins(self, theta_rad: NDArray[np.floating], rho: NDArray[np.floating]) -> NDArray[np.int64]:
@@ -84,13 +84,13 @@ class Patterns:
     star_id, dec_rad : ndarray, shape (n,)
         The catalogue's stars, brightest first.
     start : ndarray of int32, shape (n + 1,)
-        Star i's neighbours are the rows ``start[i]:start[i + 1]`` of the next three, by rising distance.
+        The neighbours of star i are rows ``start[i]:start[i + 1]`` of the next three arrays, in order of distance.
     neighbour : ndarray of int16
-        Their rows in the catalogue.
+        Rows of the neighbours in the catalogue.
     theta_rad, bearing_rad : ndarray of float32
         Distance, and position angle from north through east.
     lut_start : ndarray of int32, shape (bins + 1,)
-        Bin b's stars are ``lut_star[lut_start[b]:lut_start[b + 1]]``, each once.
+        The stars of bin b are ``lut_star[lut_start[b]:lut_start[b + 1]]``, each listed once.
     lut_star : ndarray of int16
         Rows in the catalogue.
     """
@@ -117,19 +117,19 @@ class Patterns:
         return np.bincount(self.stars_in(bins)[0], minlength=len(self)).astype(np.int64)
 
     def stars_in(self, bins: NDArray[np.int64]) -> tuple[NDArray[np.int16], NDArray[np.intp]]:
-        """Return the stars listed in the given bins, one list after the other, and for each the row in `bins`."""
+        """Return the stars listed in the given bins, one list after the other, and the row in `bins` for each."""
         first, last = self.lut_start[bins].astype(np.int64), self.lut_start[bins + 1].astype(np.int64)
         length = last - first
-        # Every list's positions, one list after the other, without a loop.
+        # Positions of all lists, one list after the other, without a loop.
         positions = np.arange(int(length.sum())) + np.repeat(first - np.cumsum(length) + length, length)
         return self.lut_star[positions], np.repeat(np.arange(len(bins)), length)
 
 
 def bearings(reference: F8, dirs: F8) -> F8:
-    """Bearings of unit vectors, shape (n, 3), seen from another, shape (3,), in radians.
+    """Return the bearings of unit vectors, shape (n, 3), seen from another, shape (3,), in radians.
 
-    Counted from the direction of the frame's third axis. In ICRS this is the position angle, north through east; in
-    any other right-handed frame it differs by a constant, so that mirror images stay apart.
+    They count from the direction of the frame's third axis. In ICRS this is the position angle, north through east; in any
+    other right-handed frame it differs by a constant, so mirror images remain distinguishable.
     """
     pole = np.array([0.0, 0.0, 1.0]) if abs(reference[2]) < 1 - 1e-12 else np.array([1.0, 0.0, 0.0])
     north = pole - (pole @ reference) * reference
@@ -139,19 +139,19 @@ def bearings(reference: F8, dirs: F8) -> F8:
 
 
 def separations(reference: F8, dirs: F8) -> F8:
-    """Angles in radians between a unit vector, shape (3,), and others, shape (n, 3); exact for small angles too."""
+    """Return the angles between a unit vector, shape (3,), and others, shape (n, 3), radians; exact for small angles too."""
     return np.asarray(2 * np.arcsin(np.minimum(np.linalg.norm(dirs - reference, axis=1) / 2, 1.0)))
 
 
 def build_patterns(vectors: F8, star_id: I4, config: PatternConfig) -> Patterns:
-    """Make the patterns and the look-up table of one catalogue.
+    """Build the patterns and the look-up table of one catalogue.
 
     Parameters
     ----------
     vectors : ndarray, shape (n, 3)
         Unit vectors of the stars.
     star_id : ndarray, shape (n,)
-        Their ids.
+        Ids of the stars.
     config : PatternConfig
         Radius and bins.
     """
@@ -161,18 +161,18 @@ def build_patterns(vectors: F8, star_id: I4, config: PatternConfig) -> Patterns:
     theta = 2 * np.arcsin(np.minimum(np.linalg.norm(b - a, axis=1) / 2, 1.0))
     order = np.lexsort((theta, reference))
     reference, neighbour, theta, a, b = reference[order], neighbour[order], theta[order], a[order], b[order]
-    # Position angle without a loop: east x = -sin(ra), cos(ra); north follows from it.
+    # Position angles without a loop: east is (-sin(ra), cos(ra)), and north follows from it.
     east = np.column_stack((-a[:, 1], a[:, 0], np.zeros(len(a))))
     east /= np.maximum(np.linalg.norm(east, axis=1, keepdims=True), 1e-300)
     north = np.cross(a, east)
     bearing = np.arctan2(np.sum(b * east, axis=1), np.sum(b * north, axis=1))
     count = np.bincount(reference, minlength=n)
     start = np.concatenate(([0], np.cumsum(count)))
-    # Sorted by distance within each reference star, so that its last row holds the farthest.
+    # Rows are sorted by distance within each reference star, so its last row is the farthest neighbour.
     farthest = np.full(n, np.radians(config.radius_deg))
     if config.theta_max == "pattern":
         farthest[count > 0] = theta[start[1:][count > 0] - 1]
-    # Two stars of one place (a double) give theta_max = 0 only where a star has no other neighbour.
+    # Two stars at the same position (a double) give theta_max = 0 only if the star has no other neighbour.
     rho = theta / np.maximum(farthest[reference], 1e-12)
     n_bins = config.n_theta * config.n_rho
     entries = np.unique(config.bins(theta, rho) * n + reference)
@@ -190,8 +190,8 @@ def build_patterns(vectors: F8, star_id: I4, config: PatternConfig) -> Patterns:
 
 
 def _neighbours(vectors: F8, cosine: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs of different stars at most an angle of that cosine apart: rows of the one and of the other."""
-    # In blocks of rows: the whole matrix of a deep catalogue does not fit into memory.
+    """Return the pairs of different stars whose separation has at least this cosine, as rows of both stars."""
+    # Work in blocks of rows, because the whole matrix of a deep catalogue does not fit into memory.
     block = 1024
     first, second = [], []
     for start in range(0, len(vectors), block):
@@ -207,18 +207,18 @@ def _neighbours(vectors: F8, cosine: float) -> tuple[NDArray[np.intp], NDArray[n
 
 def pattern_stars(catalog: StarCatalog, limit_decimag: int) -> StarCatalog:
     """Return the stars of the Bright Star Catalogue down to a magnitude limit, brightest first."""
-    # The catalogue gives magnitudes to 0.01; half of that keeps the limit itself in, whatever the rounding.
+    # The catalogue gives magnitudes to 0.01; half of that includes the limit itself, whatever the rounding.
     return catalog.take(np.flatnonzero((catalog.hr > 0) & (catalog.v_mag <= limit_decimag / 10 + 0.005)))
 
 
-# The thesis' 26 catalogues, and on to the end of the Bright Star Catalogue: patterns grow with the square of the number
-# of stars, so that the deep ones come in steps of half a magnitude and with a smaller neighbourhood.
+# The thesis' 26 catalogues, continued to the end of the Bright Star Catalogue. Patterns grow with the square of the number of
+# stars, so the deep ones come in steps of half a magnitude and with a smaller neighbourhood.
 EXTENDED_PATTERNS = PatternConfig(limits_decimag=(*range(20, 46), 50, 55, 60, 65), radius_deg=30.0)
 
 
 @lru_cache(maxsize=8)
 def load_patterns(config: PatternConfig) -> tuple[Patterns, ...]:
-    """Return the patterns of every catalogue of the configuration, from the cache where they are."""
+    """Return the patterns of every catalogue of the configuration, from the cache if they are there."""
     catalog = load_catalog()
     deepest = pattern_stars(catalog, config.limits_decimag[-1])
     if len(deepest) > np.iinfo(np.int16).max:

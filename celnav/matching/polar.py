@@ -1,4 +1,4 @@
-"""Rejection of reference stars that say little about the position.
+"""Rejection of reference stars that carry little information about the position.
 
 One star gives two equations (altitude, and azimuth times cos altitude) for two unknowns (latitude, and longitude times
 cos latitude). The determinant of their derivatives is cos dec cos H / cos lat in absolute value, with H the star's hour
@@ -17,7 +17,7 @@ F8 = NDArray[np.float64]
 
 
 def position_determinant(enu: F8, lat_rad: float) -> float:
-    """Return |det J| = |cos dec cos H| / cos lat of a star seen at a direction.
+    """Return |det J| = |cos dec cos H| / cos lat for a star seen in a direction.
 
     Parameters
     ----------
@@ -34,10 +34,10 @@ def position_determinant(enu: F8, lat_rad: float) -> float:
 
 
 def latitudes_of_star(enu: F8, dec_rad: float) -> tuple[float, ...]:
-    """Return the latitudes in radians (none, one or two) at which a star of a declination is seen in a direction.
+    """Return the latitudes in radians (none, one or two) at which a star of given declination is seen in a direction.
 
-    From sin dec = sin lat up + cos lat north; both roots lie within -90 to 90 deg for a part of the sky, which is the
-    ambiguity of a fix from one star.
+    They follow from sin dec = sin lat up + cos lat north. For a part of the sky, both roots are within -90 to 90 deg; this is
+    the ambiguity of a fix from one star.
     """
     length = math.hypot(float(enu[1]), float(enu[2]))
     if length == 0.0 or abs(math.sin(dec_rad)) > length:
@@ -49,6 +49,6 @@ def latitudes_of_star(enu: F8, dec_rad: float) -> tuple[float, ...]:
 
 
 def smallest_determinant(enu: F8, dec_rad: float) -> float:
-    """Return the smaller |det J| of the latitudes that one star leaves possible; 0 where there is none."""
+    """Return the smaller |det J| at the latitudes that one star leaves possible; 0 if there is none."""
     latitudes = [lat for lat in latitudes_of_star(enu, dec_rad) if math.cos(lat) > 1e-12]
     return min((position_determinant(enu, lat) for lat in latitudes), default=0.0)

@@ -23,17 +23,17 @@ class Observation:
     uv : ndarray, shape (n, 2)
         Pixel positions.
     rays : ndarray, shape (n, 3)
-        The same as unit vectors in the camera frame.
+        The positions as unit vectors in the camera frame.
     flux : ndarray, shape (n,), or None
         Brightness in any linear unit.
     camera : Camera
         The camera.
     sigma_px : ndarray, shape (n,), or None
-        Standard deviation of each position along each axis, where known.
+        Standard deviation of each position along each axis; None if unknown.
     R_cam : ndarray, shape (3, 3), or None
-        Takes ENU to camera, where that is known; patterns do not need it, only rejection by the fix's geometry does.
+        Rotation from ENU to camera, if known. Patterns do not need it; only rejection by the geometry of the fix does.
     streak_px : ndarray, shape (n, 2), or None
-        From one end of each detection's streak to the other, in either sense; 0 without one.
+        Vector from one end of each detection's streak to the other, in either sense; 0 for a detection without a streak.
     sigma_across_px : ndarray, shape (n,), or None
         Standard deviation across the streak.
     """
@@ -50,7 +50,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Detections named as stars, or the reason why they are not.
+    """Detections identified as stars, or the reason why they are not.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Identification:
     message : str
         The reason in words.
     matches : ndarray of int64, shape (m, 2)
-        Index of the detection, star id; the reference star, where the matcher has one, comes first.
+        Index of the detection and star id of each match; the reference star, if the matcher has one, comes first.
     confidence : float
         0 to 1, as the matcher defines it.
     details : mapping
@@ -74,8 +74,8 @@ class Identification:
 
 
 class Matcher(Protocol):
-    """Identifies stars without knowing where the camera is or where it points."""
+    """Identifies stars without knowledge of the camera's position or pointing."""
 
     def identify(self, observation: Observation, history: History | None = None) -> Identification:
-        """Identify; `history` is read and extended where the caller passes one, and only then."""
+        """Identify the stars; `history` is read and extended if the caller passes one, and only then."""
         ...

@@ -1,6 +1,6 @@
 """The DDR matcher of the thesis (section 4.iv), in all the readings that `DdrConfig` offers.
 
-docs/thesis.md lists what the thesis leaves open beside the field that decides it.
+docs/thesis.md lists what the thesis leaves open, and the configuration field that decides each point.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class DdrMatcher:
     config: DdrConfig = field(default_factory=DdrConfig)
 
     def identify(self, observation: Observation, history: History | None = None) -> Identification:
-        """Identify; see `celnav.matching.Matcher`."""
+        """Identify the stars; see `celnav.matching.Matcher`."""
         config = self.config
         catalogues = load_patterns(config.patterns)
         kept = self._brightest(observation, catalogues)
@@ -85,7 +85,7 @@ class DdrMatcher:
         return self._conclude(best, kept, catalogues, history)
 
     def _brightest(self, observation: Observation, catalogues: tuple[Patterns, ...]) -> NDArray[np.intp]:
-        """Rows of the detections to use: the brightest where fluxes are known."""
+        """Return the rows of the detections to use: the brightest if fluxes are known."""
         config = self.config
         everything = np.arange(len(observation.uv))
         if not config.brightest or observation.flux is None:
@@ -106,7 +106,7 @@ class DdrMatcher:
         choice: CatalogueChoice,
         R_cam: F8 | None,
     ) -> _Hypothesis | None:
-        """Try reference stars in their order until one is similar enough; else return the best."""
+        """Try reference stars in order until one is similar enough; otherwise return the best one."""
         config = self.config
         limit = 1 if not config.iterate else (config.max_references or len(order))
         best: _Hypothesis | None = None
@@ -134,7 +134,7 @@ class DdrMatcher:
     def _best_of_catalogues(
         self, view: _View, catalogues: tuple[Patterns, ...], choice: CatalogueChoice
     ) -> _Hypothesis | None:
-        """Probe the catalogues: the highest similarity wins, unless the consensus comes close."""
+        """Probe the catalogues: the highest similarity wins, unless that of the consensus catalogue comes close."""
         config = self.config
         votes = [count_votes(view.theta_rad, catalogues[row], config) for row in choice.probed]
         scores = [
@@ -150,7 +150,7 @@ class DdrMatcher:
         return self._best_star(view, choice.probed[best], catalogues[choice.probed[best]], scores[best])
 
     def _best_star(self, view: _View, row: int, catalogue: Patterns, similarity: F8) -> _Hypothesis | None:
-        """Confirm the most similar stars by bearings; the one with most agreeing neighbours wins."""
+        """Confirm the most similar stars by bearings; the star with most agreeing neighbours wins."""
         config = self.config
         by_votes_alone = config.bearings == "ignored"
         affordable = max(1, min(config.candidates, config.effort // len(view.neighbour)))
@@ -169,7 +169,7 @@ class DdrMatcher:
         return _Hypothesis(view, row, best.star, best.similarity, best.alignment, max(rivals, default=0))
 
     def _polar(self, view: _View, dec_rad: float) -> bool:
-        """Whether a reference star of this declination is to be rejected for its place in the sky."""
+        """Return whether a reference star with this declination is to be rejected for its position in the sky."""
         limit = self.config.reject_polar_deg
         if limit is None:
             return False
@@ -178,7 +178,7 @@ class DdrMatcher:
         return abs(float(np.degrees(dec_rad))) > limit
 
     def _same_place(self, catalogue: Patterns, star: int, other: int) -> bool:
-        """Whether two stars are closer than the match tolerance: components of a double."""
+        """Return whether two stars are closer than the match tolerance, like the components of a double star."""
         rows = slice(catalogue.start[star], catalogue.start[star + 1])
         close = catalogue.neighbour[rows][catalogue.theta_rad[rows] <= np.radians(self.config.match_tolerance_deg)]
         return bool((close == other).any())

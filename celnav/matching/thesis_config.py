@@ -1,6 +1,6 @@
-"""Choices of the thesis' matcher, and the configurations of its section 5.
+"""Configuration of the thesis' matcher, and the configurations of section 5 of the thesis.
 
-docs/thesis.md lists what the thesis leaves open beside the field that decides it.
+docs/thesis.md lists what the thesis leaves open, and the configuration field that decides each point.
 """
 
 from __future__ import annotations
@@ -15,73 +15,73 @@ from celnav.matching.patterns import PatternConfig
 
 @dataclass(frozen=True)
 class DdrConfig:
-    """Choices of the DDR matcher. Frozen and hashable.
+    """Configuration of the DDR matcher. Frozen and hashable.
 
     Attributes
     ----------
     patterns : PatternConfig
         Catalogues, neighbour radius, theta_max and bins.
     fixed_limit_decimag : int or None
-        Use this catalogue alone (the thesis' baseline: 40); None selects among all.
+        Magnitude limit of the only catalogue to use (the thesis' baseline: 40); None selects among all.
     probe_steps : int
-        Catalogues on either side of the density's that are probed.
+        Number of catalogues probed on either side of the one chosen by density.
     density_statistic : str
         ``median`` or ``mean`` of the neighbour counts.
     density_references : int or None
-        The density is taken over this many most central detections; None: over all.
+        Number of most central detections over which the density is taken; None: all.
     iterate : bool
-        Similarity iteration: go on to further reference stars while the similarity is below `similarity_threshold`.
+        Similarity iteration: continue with further reference stars while the similarity is below `similarity_threshold`.
     similarity_threshold : float
         tau_c of the thesis.
     below_threshold : str
-        What becomes of the best reference star when none reaches the threshold: ``refuse`` or ``accept``.
+        Treatment of the best reference star if none reaches the threshold: ``refuse`` or ``accept``.
     reference_order : str
-        Reference stars by ``centrality`` or by ``brightness`` (centrality where fluxes are unknown).
+        Order of reference stars: ``centrality`` or ``brightness`` (centrality if fluxes are unknown).
     max_references : int or None
-        Reference stars that the iteration may try; None: all detections.
+        Largest number of reference stars that the iteration tries; None: all detections.
     reject_polar_deg : float or None
         A reference star nearer to a pole than this |declination| is not accepted; None accepts all.
     polar_criterion : str
-        ``declination``: |dec| decides; ``determinant``: |det J| = |cos dec cos H| / cos lat does, which needs the
-        attitude, and the limit is the cosine of `reject_polar_deg` (where a star on the meridian of an observer at the
-        equator has that declination).
+        Criterion of this rejection. ``declination``: |dec|. ``determinant``: |det J| = |cos dec cos H| / cos lat, which needs
+        the attitude; the limit is then the cosine of `reject_polar_deg` (its value for a star of that declination on the
+        meridian of an observer at the equator).
     vote_normalisation : str
         Votes are divided by the number of features of the ``image``, of the ``pattern``, or of the ``larger``.
     tolerance_bins : int
-        A feature votes for its own bin and this many on either side in theta and rho.
+        A feature votes for its own bin and for this many on either side in theta and rho.
     candidates : int
-        The stars with most votes that are confirmed by bearings; 1 takes the vote's word.
+        Number of stars with most votes that are confirmed by bearings; 1 confirms only the winner of the vote.
     effort : int
-        At most this many neighbours times candidates are confirmed for a reference star: among thousands of detections
-        fewer candidates are looked at, instead of taking more time.
+        Largest product of neighbours and candidates that are confirmed for a reference star. Among thousands of detections,
+        fewer candidates are examined instead of taking more time.
     bearings : str
         How candidates are confirmed by relative bearings: one ``rotation`` for all neighbours, ``sorted-differences``
         from each neighbour to the next, or ``ignored``: the votes decide alone, and the reference star is the only
         match.
     match_tolerance_deg : float
-        Distance within which a neighbour in the image and one in the pattern fall together.
+        Distance within which a neighbour in the image and one in the pattern coincide.
     max_log10_false_alarm : float
-        A candidate is confirmed when chance would do as well with at most this probability (decimal logarithm, all
-        stars of the catalogue and all rotations counted).
+        A candidate is confirmed if the probability that chance does as well is at most this (decimal logarithm, counting
+        all stars of the catalogue and all rotations).
     min_matches : int
-        Neighbours that must agree.
+        Least number of neighbours that must agree.
     min_features : int
-        Neighbours that a reference star must have.
+        Least number of neighbours of a reference star.
     brightest : bool
-        Where fluxes are known, keep the brightest detections only, as many as the deepest catalogue has stars in the
-        camera's solid angle, on the mean of the sky.
+        If fluxes are known, keep only the brightest detections, as many as the deepest catalogue has stars in the camera's
+        solid angle on average over the sky.
     brightest_factor : float
-        Times this.
+        Factor on that number.
     brightest_count : int or None
-        Keep this many instead.
+        Number of detections to keep instead.
     consensus_min_matches : int
-        Good matches in the history that make a consensus.
+        Least number of good matches in the history for a consensus.
     consensus_min_similarity : float
-        Similarity of a good match.
+        Least similarity of a good match.
     consensus_margin : float
-        The consensus catalogue overrides the best one when its similarity is at most this much lower.
+        The consensus catalogue overrides the best one if its similarity is at most this much lower.
     consensus_fast_share : float
-        Above this share of the good matches the consensus catalogue is used without probing.
+        If its share of the good matches is above this, the consensus catalogue is used without probing.
     stars_in_fix : str
         ``all``: all confirmed matches (equation 3.10); ``one``: the reference star alone (section 4.v).
     """
@@ -127,11 +127,11 @@ THESIS_BASELINE = DdrConfig(fixed_limit_decimag=40, iterate=False, reject_polar_
 THESIS_BASELINE_SI = replace(THESIS_BASELINE, iterate=True)
 THESIS_BASELINE_SI_PR = replace(THESIS_BASELINE_SI, reject_polar_deg=75.0)
 THESIS_ADAPTIVE = DdrConfig()
-# The ablation that Table 1.1 lacks: the catalogue is selected, nothing else is added to the baseline.
+# An ablation that Table 1.1 lacks: the catalogue is selected, and nothing else is added to the baseline.
 THESIS_CATALOGUE_ONLY = DdrConfig(iterate=False, reject_polar_deg=None)
 
-# The same to the letter: votes alone decide and always claim a match, no use of brightness, one star makes the fix,
-# the neighbourhood is the field of view's half-width.
+# The literal reading: votes alone decide and always claim a match, brightness is not used, one star gives the fix, and the
+# neighbourhood is half the width of the field of view.
 LITERAL_ADAPTIVE = DdrConfig(
     patterns=PatternConfig(radius_deg=60.0),
     density_statistic="mean",

@@ -1,4 +1,4 @@
-"""Votes of an image's features for the stars of a catalogue, and the similarity they make."""
+"""Votes of an image's features for the stars of a catalogue, and the resulting similarity."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ F8 = NDArray[np.float64]
 
 
 def count_votes(theta_rad: F8, catalogue: Patterns, config: DdrConfig) -> NDArray[np.int64]:
-    """Count the image's features that each star of a catalogue has too.
+    """Count the image's features that each star of a catalogue shares.
 
     Parameters
     ----------
     theta_rad : ndarray, shape (n,)
-        Distances of the image's neighbours, rising.
+        Distances of the image's neighbours, in ascending order.
     catalogue : Patterns
-        Its look-up table is asked.
+        The catalogue with its look-up table.
     config : DdrConfig
         Bins, tolerance, theta_max.
 
     Returns
     -------
     ndarray of int64, shape (len(catalogue),)
-        A feature gives a star one vote at most.
+        Votes; a feature gives a star at most one.
     """
     patterns = config.patterns
     farthest = float(theta_rad[-1]) if patterns.theta_max == "pattern" else float(np.radians(patterns.radius_deg))

@@ -1,1 +1,1 @@
-"""Many frames: a vehicle under way (track), a fixed camera (night)."""
+"""Many frames: of a moving vehicle (track), of a fixed camera (night), or of several cameras at one instant (cameras)."""

@@ -1,7 +1,7 @@
-"""Cameras that look at the sky at one instant: one place from the stars of all, and from what is known of each attitude.
+"""Several cameras at one instant: one position from the stars of all, and from what is known of each attitude.
 
-Cameras on one body share its turn, within what is known of their mountings; each may bring an inclinometer of its own. A
-camera that shows too few stars is searched where the others say that it looks.
+Cameras on one body share its orientation, within the uncertainties of their mountings; each may have its own inclinometer. A
+camera that shows too few stars is searched in the direction in which it should look according to the others.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ from celnav.solver import solve
 
 F8 = NDArray[np.float64]
 
-# A camera that the others contradict by more, beyond five standard deviations, is named wrongly or mounted otherwise.
+# If the others contradict a camera by more than this and five standard deviations, it is misidentified or not mounted as
+# stated.
 _LARGEST_CONTRADICTION_DEG = 1.0
-# Disagreement that chance gives less often widens the covariance.
+# A disagreement whose probability by chance is below this widens the covariance.
 _LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """What one of the cameras sees.
+    """The view of one of the cameras.
 
     Attributes
     ----------
@@ -46,11 +47,12 @@ class CameraView:
     camera : Camera
         The camera.
     attitude : Attitude, 3x3 array_like or None
-        What this camera's own sensor knows of its orientation to the horizon; its errors are its own. None knows nothing.
+        Orientation relative to the horizon from this camera's own sensor, whose errors are independent of the others; None
+        without such a sensor.
     mounting : array_like, shape (3, 3), or None
-        Rotation that takes directions of the body to those of the camera; None where it is not known.
+        Rotation that takes directions from the body frame to the camera frame; None if unknown.
     mounting_sigma_deg : float
-        Its standard deviation about each axis.
+        Standard deviation of the mounting about each axis, degrees.
     flux : array_like, shape (n,), optional
         Brightness of bare positions.
     """
@@ -72,29 +74,29 @@ class CameraView:
 
 @dataclass(frozen=True, eq=False)
 class CamerasFix:
-    """What the cameras say together.
+    """Joint solution of several cameras.
 
     Attributes
     ----------
     ok : bool
         Whether there is a position.
     reason : Reason
-        ``ok``; ``too_few_detections`` where no camera was identified; ``vertical_required`` where no attitude tells the
-        vertical; ``inconsistent`` where the cameras contradict each other, or a heading.
+        ``ok``; ``too_few_detections`` if no camera was identified; ``vertical_required`` if no attitude gives the
+        vertical; ``inconsistent`` if the cameras contradict each other or a heading.
     message : str
-        The reason in words; empty for a position.
+        The reason in words; empty if there is a position.
     lat_deg, lon_deg, cov_km2
-        As of `Fix`.
+        As in `Fix`.
     fixes : tuple of Fix
-        The cameras' own fixes and refusals.
+        The individual fixes and refusals of the cameras.
     helped : tuple of int
-        Cameras that were identified only near where the others say that they look.
+        Cameras that were identified only by searching near the direction expected from the others.
     apart_deg : float
-        Largest angle by which a camera's stars contradict the others and its mounting; NaN where nothing can.
+        Largest angle by which a camera's stars contradict the others and its mounting; NaN if there is nothing to compare.
     chance : float
-        Probability that errors within the standard deviations contradict each other as much; NaN where nothing can.
+        Probability of as large a contradiction from errors of the stated sizes; NaN if there is nothing to compare.
     R_terrestrial_to_body : ndarray, shape (3, 3), or None
-        Orientation of the body to the Earth (ITRS), where a mounting is known.
+        Orientation of the body relative to the Earth (ITRS), if a mounting is known.
     """
 
     ok: bool
@@ -112,7 +114,7 @@ class CamerasFix:
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """What holds for all cameras."""
+    """Inputs common to all cameras."""
 
     views: tuple[CameraView, ...]
     utc: Utc
@@ -133,22 +135,22 @@ def solve_cameras(
     near: LastKnown | None = None,
     solver: str | Solver = "skybench",
 ) -> CamerasFix:
-    """Find where cameras stand that look at the sky at one instant.
+    """Determine the position of cameras that look at the sky at one instant.
 
-    Each camera is solved alone. One that could not be identified is searched once more within four standard deviations of the
-    orientation that the others and the mountings give it; its own stars still prove it. Then stars, mountings and attitudes
-    are weighed together.
+    Each camera is first solved alone. One that cannot be identified is searched again within four standard deviations of the
+    orientation that the others and the mountings imply; its own stars must still confirm the identification. Then stars,
+    mountings and attitudes are adjusted together.
 
     Parameters
     ----------
     views : sequence of CameraView
-        One for each camera; the same body carries those with a mounting.
+        One view for each camera; cameras with a mounting are all on the same body.
     utc : str, datetime or Utc
         Middle of the exposures; the same for all.
     attitude : Attitude, 3x3 array_like or None
-        What is known of the body's orientation to the horizon, from a sensor that the cameras share; needs a mounting.
+        Orientation of the body relative to the horizon, from a sensor that the cameras share; needs a mounting.
     pressure_hpa, temperature_c, near, solver
-        As of `celnav.solve`; the solver gives `Fix.R_icrs_to_camera` with `Fix.rotation_cov_rad2`.
+        As in `celnav.solve`; the solver must provide `Fix.R_icrs_to_camera` and `Fix.rotation_cov_rad2`.
 
     Raises
     ------
@@ -197,7 +199,7 @@ def _own(view: CameraView) -> Attitude | None:
 
 
 def _of_camera(body: Attitude, view: CameraView) -> Attitude:
-    """The body's attitude as that of a camera, the mounting's uncertainty included."""
+    """Convert the attitude of the body to that of a camera, including the uncertainty of the mounting."""
     mounting = np.asarray(view.mounting)
     tilt = math.hypot(body.tilt_deg, view.mounting_sigma_deg)
     if body.kind == "up":
@@ -207,7 +209,7 @@ def _of_camera(body: Attitude, view: CameraView) -> Attitude:
 
 
 def _together(question: _Question, fixes: Sequence[Fix]) -> Body | None:
-    """Weigh what all cameras say; None where none is identified."""
+    """Adjust all cameras together; None if none is identified."""
     seen = []
     for view, fix in zip(question.views, fixes, strict=True):
         rotation = terrestrial_orientation(fix, question.utc)
@@ -220,7 +222,7 @@ def _together(question: _Question, fixes: Sequence[Fix]) -> Body | None:
 
 
 def _expected(view: CameraView, found: Body) -> Orientation | None:
-    """Where a camera looks by the others; None where its mounting or theirs is not known."""
+    """Return the orientation of a camera expected from the others; None if its mounting or theirs is unknown."""
     if view.mounting is None or found.rotation is None or found.cov_rad2 is None:
         return None
     own = float(np.linalg.eigvalsh(found.cov_rad2)[-1])
@@ -247,7 +249,7 @@ def _answer(question: _Question, fixes: Sequence[Fix], found: Body | None) -> Ca
             "the stars give orientations; a position needs the vertical of the body or of a camera: give Attitude.up"
         )
         return replace(answer, reason=Reason.VERTICAL_REQUIRED, message=message)
-    # Birge 1932, Phys. Rev. 40, 207: what disagrees is less certain than it says.
+    # Birge 1932, Phys. Rev. 40, 207: values that disagree are less certain than stated.
     widened = max(1.0, found.chi2 / found.freedom) if found.chance < _LEAST_CHANCE else 1.0
     return replace(
         answer, ok=True, lat_deg=found.lat_deg, lon_deg=found.lon_deg, cov_km2=found.cov_km2 * widened

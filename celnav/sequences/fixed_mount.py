@@ -1,10 +1,11 @@
-"""Many orientations of one camera on the ground: their mean, what they scatter, and the Earth's rotation in them.
+"""Combination of many orientations of one stationary camera: their mean, their scatter, and the Earth's rotation.
 
-A camera that stands still keeps one orientation to the Earth. Each frame measures it; a line through the frames measures
-how it turns, which is nothing while the mount stands, the clock runs right and the stars are named rightly. Frames that
-disagree with that line by more than their covariances say wander: the scatter is estimated by the method of moments
-(DerSimonian & Laird 1986, Control. Clin. Trials 7, 177). It averages where frames wander independently; what goes on from
-frame to frame does not, and where too few frames are there to tell it is taken as going on.
+A stationary camera keeps one orientation relative to the Earth. Each frame measures it, and a line through the frames
+measures its rate of rotation, which is zero if the mount does not move, the clock is right and the stars are identified
+correctly. If frames deviate from that line by more than their covariances explain, the mount wanders; this scatter is
+estimated by the method of moments (DerSimonian & Laird 1986, Control. Clin. Trials 7, 177). Wander that is independent from
+frame to frame averages out; wander that is correlated does not. If there are too few frames to decide, it is assumed to be
+correlated.
 """
 
 from __future__ import annotations
@@ -21,39 +22,39 @@ from celnav.identification.verification import rotation_of
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-# Rotation of the Earth to the stars, rad/s of UT1 (IAU 2000, Earth rotation angle).
+# Rotation of the Earth relative to the stars, rad/s of UT1 (IAU 2000, Earth rotation angle).
 EARTH_RAD_S = 2 * math.pi * 1.00273781191135448 / 86400.0
-# Squared distance of three degrees of freedom that one good frame in 10,000 exceeds.
+# Squared distance, three degrees of freedom, that one good frame in 10,000 exceeds.
 GATE = 21.108
-# Fewer frames are no measure of how wander goes on from one to the next.
+# Least number of frames for an estimate of the correlation of wander from one frame to the next.
 FEWEST_FOR_CORRELATION = 8
-# Fewest frames whose line leaves enough to measure scatter by.
+# Least number of frames that leave enough degrees of freedom for the scatter after fitting a line.
 FEWEST_FOR_LINE = 4
 _MOST_FOR_SLOPE = 400
 
 
 @dataclass(frozen=True, eq=False)
 class FixedMount:
-    """What frames of a camera say about its orientation to the Earth.
+    """Combined orientation of a camera relative to the Earth.
 
     Attributes
     ----------
     rotation : ndarray, shape (3, 3)
         Terrestrial frame (ITRS) to camera at the mean time.
     cov : ndarray, shape (3, 3)
-        Covariance of its error as a small rotation in the camera frame, rad^2, wander included.
+        Covariance of its error as a small rotation in the camera frame, rad^2, including wander.
     used : ndarray of int
-        Rows of the frames that count.
+        Rows of the frames that were used.
     wander_rad : float
-        Standard deviation about each axis that frames scatter beyond their own covariances; 0 where they do not.
+        Standard deviation, about each axis, of the scatter beyond the frames' own covariances; 0 if there is none.
     independent : float
-        Over how many frames wander averages: all that count, or one where it goes on from frame to frame.
+        Number of frames over which wander averages: all that were used, or one if it is correlated from frame to frame.
     turn_rad_s : ndarray, shape (3,)
-        Turn of the camera to the Earth, terrestrial axes: zero for a mount that stands still under a clock that is right.
+        Rotation rate of the camera relative to the Earth, terrestrial axes: zero for a steady mount and a right clock.
     turn_cov : ndarray, shape (3, 3)
-        Its covariance.
+        Covariance of `turn_rad_s`.
     span_s : float
-        From the first frame to the last.
+        Time from the first frame to the last.
     """
 
     rotation: F8
@@ -67,34 +68,34 @@ class FixedMount:
 
     @property
     def turn_chi2(self) -> float:
-        """Squared turn in units of its covariance, three degrees of freedom; NaN where frames span no time."""
+        """Squared rotation rate in units of its covariance, three degrees of freedom; NaN if the frames span no time."""
         if not np.isfinite(self.turn_cov).all():
             return math.nan
         return float(self.turn_rad_s @ np.linalg.solve(self.turn_cov, self.turn_rad_s))
 
     @property
     def drift_cov(self) -> F8:
-        """Scatter of the frames by the turn that the line shows, camera frame, rad^2: a uniform spread of turn x span."""
+        """Covariance of the frames due to the fitted rotation, camera frame, rad^2: uniform spread over rate x span."""
         drift = self.rotation @ self.turn_rad_s * self.span_s
         return np.asarray(np.outer(drift, drift) / 12)
 
     @property
     def sky_turn(self) -> F8:
-        """Rotation of the Earth to the stars as the frames measure it, rad/s, camera frame, shape (3,)."""
+        """Rotation of the Earth relative to the stars as measured by the frames, rad/s, camera frame, shape (3,)."""
         return np.asarray(self.rotation @ (np.array([0.0, 0.0, EARTH_RAD_S]) - self.turn_rad_s))
 
 
 def combine(rotations: F8, covs: F8, times_s: F8) -> FixedMount:
-    """Combine the frames of a camera that stands still.
+    """Combine the frames of a stationary camera.
 
     Parameters
     ----------
     rotations : ndarray, shape (n, 3, 3)
-        Terrestrial frame to camera, one for each frame.
+        Rotation from the terrestrial frame to the camera for each frame.
     covs : ndarray, shape (n, 3, 3)
         Covariances of small rotations in the camera frame, rad^2.
     times_s : ndarray, shape (n,)
-        Instants.
+        Times of the frames, seconds.
     """
     reference = rotations[_most_central(rotations)]
     for _ in range(3):
@@ -114,16 +115,16 @@ def combine(rotations: F8, covs: F8, times_s: F8) -> FixedMount:
 
 
 def _most_central(rotations: F8) -> int:
-    """Row of the rotation that is nearest to the others, in the median: one wrong frame does not matter."""
+    """Return the row of the rotation with the least median distance to the others, which one wrong frame does not affect."""
     cosines = (np.einsum("aij,bij->ab", rotations, rotations) - 1) / 2
     return int(np.argmax(np.median(cosines, axis=1)))
 
 
 def _consistent(turns: F8, covs: F8, times_s: F8) -> tuple[Rows, float]:
-    """Rows of the frames that agree, and the scatter about each axis that their covariances do not explain, radians.
+    """Return the rows of the frames that agree, and their scatter about each axis beyond their covariances, radians.
 
-    Frames are left out by their distance from a line by time, in units of their own covariance and of the scatter of the
-    inner half of the frames: a frame that was named wrongly lies degrees away, one of a mount that drifts does not.
+    Frames are left out by their distance from a line in time, in units of their own covariance and of the scatter of the
+    inner half of the frames: a misidentified frame is degrees away, a frame of a drifting mount is not.
     """
     away = turns - _robust_line(turns, times_s)
     robust = 1.4826 * np.median(np.abs(away), axis=0)
@@ -141,7 +142,7 @@ def _consistent(turns: F8, covs: F8, times_s: F8) -> tuple[Rows, float]:
     rest = turns[used] - design @ (inverse @ right).reshape(-1, 3)
     chi2 = float(np.einsum("ni,nij,nj->", rest, weights, rest))
     freedom = 3 * len(used) - size
-    # Beyond what chance gives once in a thousand (Wilson & Hilferty 1931), the excess is scatter of the mount.
+    # An excess beyond what chance gives once in a thousand (Wilson & Hilferty 1931) is scatter of the mount.
     limit = freedom * (1 - 2 / (9 * freedom) + 3.09 * math.sqrt(2 / (9 * freedom))) ** 3
     if chi2 <= limit:
         return used, 0.0
@@ -151,21 +152,21 @@ def _consistent(turns: F8, covs: F8, times_s: F8) -> tuple[Rows, float]:
 
 
 def _robust_line(turns: F8, times_s: F8) -> F8:
-    """Line through the turns by repeated medians (Siegel 1982, Biometrika 69, 242), which half of the frames cannot spoil.
+    """Fit a line to the rotations by repeated medians (Siegel 1982, Biometrika 69, 242), robust to bad data in half of them.
 
-    The median of the turns where there are too few frames for a line. Shape (n, 3).
+    If there are too few frames for a line, return the median of the rotations. Shape (n, 3).
     """
     design = _line(times_s)
     if design.shape[1] == 1:
         return np.broadcast_to(np.median(turns, axis=0), turns.shape)
     since = design[:, 1]
-    # Of more frames, that many spread over all tell the slope.
+    # If there are more frames, this many, spread evenly, suffice for the slope.
     some = np.unique(np.linspace(0, len(turns) - 1, min(len(turns), _MOST_FOR_SLOPE)).astype(int))
     apart = since[some][:, None] - since[some][None, :]
     rise = turns[some][:, None, :] - turns[some][None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = np.where(apart[..., None] == 0, np.nan, rise / apart[..., None])
-    # Frames of one instant with all others have no slope.
+    # Frames at the same instant as all others have no slope.
     has = np.isfinite(slopes).any(axis=(1, 2))
     slope = np.median(np.nanmedian(slopes[has], axis=1), axis=0)
     level = turns - since[:, None] * slope
@@ -173,7 +174,7 @@ def _robust_line(turns: F8, times_s: F8) -> F8:
 
 
 def _line(times_s: F8) -> F8:
-    """Design of a mean and a slope by time, shape (n, 2); of a mean alone, (n, 1), where there are too few frames."""
+    """Design matrix of mean and slope in time, shape (n, 2); of the mean alone, (n, 1), if there are too few frames."""
     since = times_s - np.mean(times_s)
     if len(times_s) < FEWEST_FOR_LINE or not np.ptp(since) > 0:
         return np.ones((len(times_s), 1))
@@ -181,7 +182,10 @@ def _line(times_s: F8) -> F8:
 
 
 def _independent(turns: F8, times_s: F8) -> float:
-    """Over how many of the frames, shape (n, 3), wander averages: all, or one where neighbours agree or too few tell."""
+    """Return the number of frames over which wander averages: all, or one if neighbours agree or the frames are too few.
+
+    `turns` are the rotations of the frames, shape (n, 3).
+    """
     n = len(turns)
     if n < FEWEST_FOR_CORRELATION:
         return 1.0
@@ -189,12 +193,12 @@ def _independent(turns: F8, times_s: F8) -> float:
     design = _line(times_s[order])
     rest = turns[order] - design @ np.linalg.lstsq(design, turns[order], rcond=None)[0]
     neighbours = float(np.sum(rest[1:] * rest[:-1])) / float(np.sum(rest**2))
-    # Two standard deviations of a correlation of 3 n numbers.
+    # Compare with two standard deviations of a correlation from 3 n numbers.
     return 1.0 if neighbours > 2 / math.sqrt(3 * n) else float(n)
 
 
 def _turn(turns: F8, weights: F8, times_s: F8, correlated: float) -> tuple[F8, F8]:
-    """Weighted slope of the turns by time, rad/s, and its covariance, camera frame."""
+    """Return the weighted slope of the rotations in time, rad/s, and its covariance, camera frame."""
     middle = float(np.mean(times_s))
     since = times_s - middle
     if len(turns) < 3 or not np.ptp(since) > 0:

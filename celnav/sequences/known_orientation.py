@@ -1,7 +1,7 @@
-"""A frame whose orientation to the Earth is known from elsewhere: other frames of its night, or another camera beside it.
+"""Frames whose orientation relative to the Earth is known from other frames of the night or from another camera.
 
-What is known serves the search alone, which then needs fewer stars. Orientation, position and covariance come from the
-frame's own stars and its own attitude, so that they stay independent of what helped.
+The known orientation only guides the search, which then needs fewer stars. Orientation, position and covariance come from the
+frame's own stars and its own attitude, so that they stay independent of the source of that knowledge.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from celnav.solver import solve
 F8 = NDArray[np.float64]
 
 UNFOUND = (Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT)
-"""Refusals that more knowledge may mend."""
-# Radius of the place, beyond what the orientation's standard deviation opens.
+"""Reasons of refusals that a known orientation may resolve."""
+# Radius of the search for the place, in addition to that from the standard deviation of the orientation.
 _RADIUS_KM = 1.0
-# A frame's orientation is searched no closer than this: mounts give way, and lenses are off by as much.
+# Least standard deviation of the orientation in a search: mounts yield, and lenses are off, by as much.
 _LEAST_SIGMA_RAD = math.radians(0.02)
 
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """An orientation of a camera to the Earth.
+    """An orientation of a camera relative to the Earth.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Orientation:
     sigma_rad : float
         Standard deviation about each axis.
     lat_deg, lon_deg : float
-        Where the camera stands, for refraction; NaN where no vertical is known.
+        Position of the camera, for refraction; NaN if no vertical is known.
     """
 
     terrestrial_to_camera: F8
@@ -55,7 +55,7 @@ class Orientation:
 
 
 def terrestrial_orientation(fix: Fix, utc: Utc) -> F8 | None:
-    """Return ITRS to camera, shape (3, 3), of a frame whose stars were identified; None of another."""
+    """Return the rotation from ITRS to camera, shape (3, 3), if the stars of the frame were identified, else None."""
     if fix.reason not in (Reason.OK, Reason.VERTICAL_REQUIRED) or fix.rotation_cov_rad2 is None:
         return None
     if fix.R_icrs_to_camera is None:
@@ -74,16 +74,16 @@ def solve_oriented(
     flux: ArrayLike | None = None,
     sigmas: ToldSigmas | None = None,
 ) -> Fix:
-    """Solve a frame near a known orientation; the position is by its own stars and the attitude given.
+    """Solve a frame near a known orientation; the position comes from its own stars and the supplied attitude.
 
     Parameters
     ----------
     detections, camera, utc, attitude, solver, flux, sigmas
-        As of `celnav.solve`.
+        As in `celnav.solve`.
     known : Orientation
-        Where to search.
+        Orientation near which to search.
     weather : Weather
-        For refraction; not used where no vertical is known.
+        Air for refraction; not used if no vertical is known.
     """
     upright = not math.isnan(known.lat_deg)
     lat, lon = (known.lat_deg, known.lon_deg) if upright else (0.0, 0.0)

@@ -1,7 +1,7 @@
-"""A night of a camera that stands still: one attitude, one position, and whether the sky turns as the Earth does.
+"""A night of a stationary camera: one attitude, one position, and a test whether the sky turns as the Earth does.
 
-Every frame measures the same orientation to the Earth, so that noise averages; an error of the vertical is in every
-frame alike and does not. What stars cannot tell at all is said in words.
+Every frame measures the same orientation relative to the Earth, so noise averages out; an error of the vertical is the same
+in every frame and does not. What stars cannot reveal at all is stated in words.
 """
 
 from __future__ import annotations
@@ -30,48 +30,50 @@ from celnav.solver import solve
 
 F8 = NDArray[np.float64]
 
-# A turn of the mount, or of the clock, that chance gives less often is one.
+# A rotation is attributed to the mount or the clock if its probability by chance is below this.
 LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class NightFix:
-    """What a night says.
+    """Result of a night.
 
     Attributes
     ----------
     ok : bool
         Whether there is a position.
     reason : Reason
-        ``ok``; ``vertical_required`` where no vertical is known; ``too_few_detections`` where no frame was identified;
-        ``inconsistent`` where a heading is contradicted, or where no frame is usable and some are inconsistent themselves.
+        ``ok``; ``vertical_required`` if no vertical is known; ``too_few_detections`` if no frame was identified;
+        ``inconsistent`` if a heading is contradicted, or if no frame is usable and some are inconsistent themselves.
     message : str
-        The reason in words; empty for a position.
+        The reason in words; empty if there is a position.
     lat_deg, lon_deg, cov_km2
-        As of `Fix`. The covariance holds the attitude's and the clock's standard deviations once, not averaged.
+        As in `Fix`. The standard deviations of attitude and clock enter the covariance once, not averaged over frames.
     heading_off_deg : float
-        How far the heading that the stars imply is from the one given; NaN where none was given.
+        Difference between the heading that the stars imply and the supplied one; NaN if none was supplied.
     R_terrestrial_to_camera : ndarray, shape (3, 3), or None
-        Orientation to the Earth (ITRS), as of the mean time.
+        Orientation relative to the Earth (ITRS) at the mean time.
     cov_rad2 : ndarray, shape (3, 3), or None
-        Covariance of its error as a small rotation in the camera frame; wander of the mount included, the clock's error not.
+        Covariance of its error as a small rotation in the camera frame, including wander of the mount, but not the error of
+        the clock.
     wander_deg : float
         Scatter of the frames about each axis beyond their own covariances.
     axis_camera : ndarray, shape (3,), or None
-        The Earth's axis (north) in the camera frame as the turning of the sky shows it, without the frames' absolute times.
+        The Earth's axis (north) in the camera frame, from the rotation of the sky; independent of the frames' absolute
+        times.
     axis_sigma_deg : float
-        Its standard deviation along the worse direction.
+        Standard deviation of the axis along the worse direction.
     rate : Estimate or None
-        Turning of the sky over that of the Earth: 1 where the mount stands still and the clock runs right.
+        Rotation rate of the sky over that of the Earth: 1 if the mount does not move and the clock runs at the right rate.
     turn_chance : float
-        Probability that mount and clock which are right show as much turn; NaN where frames span no time.
+        Probability that a steady mount and a right clock show as much rotation; NaN if the frames span no time.
     latitude_deg : Estimate or None
-        From that axis and the vertical alone: neither time nor longitude enter. None without a vertical or an axis. The
-        vertical is taken as it was told; how far a mount that moved puts the axis from where it should be is in the sigma.
+        Latitude from that axis and the vertical alone, independent of time and longitude. None without a vertical or an
+        axis. The vertical is used as supplied; the displacement of the axis by a moving mount is part of the sigma.
     used, left_out : tuple of int
-        Numbers of the frames that count, and of those that were identified and disagree.
+        Numbers of the frames that were used, and of those that were identified but disagree.
     told, untold : tuple of str
-        What the night says, and what it can never say, in words.
+        In words: what the night shows, and what no night can show.
     """
 
     ok: bool
@@ -95,12 +97,12 @@ class NightFix:
     untold: tuple[str, ...] = ()
 
     def attitude_at(self, lat_deg: float, lon_deg: float) -> Attitude:
-        """Return the attitude of a camera that stands at a known place, with the standard deviations of the night.
+        """Return the attitude of a camera at a known place, with the standard deviations of the night.
 
         Raises
         ------
         ConfigError
-            Where no frame was identified.
+            When no frame was identified.
         """
         if self.R_terrestrial_to_camera is None or self.cov_rad2 is None:
             raise ConfigError("no frame of the night was identified: there is no attitude")
@@ -112,7 +114,7 @@ class NightFix:
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """A frame of the night: its time, what was detected, and what it gives."""
+    """A frame of the night: its time, its detections, and its fix."""
 
     utc: Utc
     detections: Detections | ArrayLike
@@ -122,27 +124,26 @@ class _Frame:
 
 @dataclass
 class Night:
-    r"""Frames of one camera that stands still; add them in any order, then ask for the `fix`.
+    r"""Frames of one stationary camera; add them in any order, then call `fix`.
 
     Attributes
     ----------
     camera : Camera
         The camera.
     attitude : Attitude, 3x3 array_like or None
-        What is known of its orientation to the horizon, the same for all frames; None gives no position.
+        Orientation relative to the horizon, the same for all frames; without one (None) there is no position.
     clock_sigma_s : float
-        Standard deviation of the clock's offset, which is the same in all frames: it enters the longitude. That of `sigmas`
-        unless given.
+        Standard deviation of the clock's offset, which is the same in all frames and affects the longitude. Taken from
+        `sigmas` unless given.
     pressure_hpa, temperature_c : float
-        Air, for refraction.
+        Pressure and temperature of the air, for refraction.
     near : LastKnown, optional
-        Where the answer lies.
+        A circle that contains the answer.
     solver : str or callable
-        Which gives `Fix.R_icrs_to_camera` with `Fix.rotation_cov_rad2`: ``skybench``, or a variant of it.
-
+        A solver that provides `Fix.R_icrs_to_camera` and `Fix.rotation_cov_rad2`: ``skybench``, or a variant of it.
     sigmas : ToldSigmas
-        Standard deviations of time, lens and air as they are told. The errors are the same in all frames: they enter the
-        covariance once, not averaged.
+        Stated standard deviations of time, lens and air. These errors are the same in all frames, so they enter the
+        covariance once, not averaged over frames.
 
     Examples
     --------
@@ -172,18 +173,18 @@ class Night:
 
     @property
     def fixes(self) -> tuple[Fix, ...]:
-        """The frames' own fixes and refusals."""
+        """The individual fixes and refusals of the frames."""
         return tuple(frame.fix for frame in self._frames)
 
     def add(
         self, detections: Detections | ArrayLike, utc: str | datetime | Utc, *, flux: ArrayLike | None = None
     ) -> Fix:
-        """Solve a frame alone, and keep it.
+        """Solve a frame on its own, and store it.
 
         Parameters
         ----------
         detections, utc, flux
-            As of `celnav.solve`.
+            As in `celnav.solve`.
         """
         instant = parse_utc(utc)
         known = self.attitude
@@ -198,7 +199,7 @@ class Night:
     def fix(self) -> NightFix:
         """Combine the frames.
 
-        A frame that could not be identified alone is searched once more near the orientation of those that could.
+        A frame that could not be identified on its own is searched again near the orientation of those that could.
         """
         found = self._combined()
         if found.R_terrestrial_to_camera is not None and self._search_again(found):
@@ -206,7 +207,7 @@ class Night:
         return found
 
     def _combined(self) -> NightFix:
-        """Combine the frames that are identified."""
+        """Combine the identified frames."""
         rows, rotations, covs, common = [], [], [], []
         for number, frame in enumerate(self._frames):
             rotation = terrestrial_orientation(frame.fix, frame.utc)
@@ -228,7 +229,7 @@ class Night:
         first = self._frames[rows[0]].utc
         times = np.array([_seconds_between(first, self._frames[number].utc) for number in rows])
         mount = combine(np.stack(rotations), np.stack(covs), times)
-        # Lens and air err alike in all frames of a camera that stands still.
+        # The errors of lens and air are the same in all frames of a stationary camera.
         mount = replace(mount, cov=mount.cov + np.mean([common[k] for k in mount.used], axis=0))
         used = tuple(rows[k] for k in mount.used)
         night = NightFix(
@@ -244,7 +245,7 @@ class Night:
         return _in_words(self._placed(night, mount), mount, len(self._frames), self.clock_sigma_s)
 
     def _search_again(self, found: NightFix) -> bool:
-        """Search the frames that were not identified near the night's orientation; say whether one was found."""
+        """Search unidentified frames near the night's orientation; return whether one of them was identified."""
         assert found.R_terrestrial_to_camera is not None
         assert found.cov_rad2 is not None
         assert self.attitude is None or isinstance(self.attitude, Attitude)
@@ -273,7 +274,7 @@ class Night:
         return some
 
     def _placed(self, night: NightFix, mount: FixedMount) -> NightFix:
-        """Add position and latitude where the vertical is known."""
+        """Add position and latitude if the vertical is known."""
         attitude = self.attitude
         if attitude is None:
             message = "the night gives the orientation to the Earth; a position needs the vertical: give Attitude.up"
@@ -283,7 +284,7 @@ class Night:
         turned = EARTH_RAD_S * self.clock_sigma_s
         cov = mount.cov + turned**2 * np.outer(pole, pole)
         if night.turn_chance < LEAST_CHANCE:
-            # What moves within the night has moved since its attitude was told, or the clock has.
+            # A mount that moves during the night has also moved since its attitude was measured; or the clock drifts.
             cov = cov + mount.drift_cov
         place = honest_place(mount.rotation, cov, attitude)
         latitude = None
@@ -291,7 +292,7 @@ class Night:
             up = horizontal_frame(attitude)[:, 2]
             sine = float(np.clip(up @ night.axis_camera, -1, 1))
             off = 0.0
-            if night.turn_chance < LEAST_CHANCE:  # the axis seen is that of Earth and mount together
+            if night.turn_chance < LEAST_CHANCE:  # the observed axis is that of Earth and mount combined
                 off = math.degrees(float(np.linalg.norm(np.cross(pole, night.axis_camera))))
             sigma = math.hypot(attitude.tilt_deg, night.axis_sigma_deg, off)
             latitude = Estimate(math.degrees(math.asin(sine)), sigma)
@@ -306,13 +307,13 @@ class Night:
 
 
 def _seconds_between(one: Utc, other: Utc) -> float:
-    """Elapsed seconds, leap seconds counted."""
+    """Return the elapsed seconds, including leap seconds."""
     (day, part), (other_day, other_part) = one.tt, other.tt
     return ((other_day - day) + (other_part - part)) * 86400.0
 
 
 def _with_turn(night: NightFix, mount: FixedMount) -> NightFix:
-    """Add the Earth's axis and rate as the frames measure them."""
+    """Add the Earth's axis and rotation rate as measured by the frames."""
     chi2 = mount.turn_chi2
     if math.isnan(chi2):
         return night
@@ -331,14 +332,14 @@ def _with_turn(night: NightFix, mount: FixedMount) -> NightFix:
 
 
 def _with_sigma(estimate: Estimate) -> str:
-    """Write a value to two digits of its standard deviation."""
+    """Format a value to two digits of its standard deviation."""
     digits = 1 - math.floor(math.log10(estimate.sigma)) if estimate.sigma > 0 else 6
     digits = min(max(digits, 0), 15)
     return f"{estimate.value:.{digits}f} +- {estimate.sigma:.{digits}f}"
 
 
 def _in_words(night: NightFix, mount: FixedMount, frames: int, clock_sigma_s: float) -> NightFix:
-    """Add what is told, and what cannot be."""
+    """Add the statements on what the night shows and on what it cannot show."""
     told = [f"{len(night.used)} of {frames} frames give one orientation to the Earth, over {mount.span_s / 3600:.2f} h"]
     if night.left_out:
         told.append(f"frames {', '.join(map(str, night.left_out))} disagree with it and are left out")

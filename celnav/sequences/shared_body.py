@@ -1,8 +1,8 @@
-"""Orientations of several cameras and the place of all of them: one adjustment of stars, mountings and attitudes.
+"""Orientations of several cameras and their common position: one adjustment of stars, mountings and attitudes.
 
-Unknown are the place, the turn of the body, and the turn of each camera. A camera's stars measure its turn to the Earth; its
-mounting ties that to the body's; an attitude, a camera's own or the body's, ties a turn to the place. Each has its
-covariance (Gauss-Markov); a heading that is not known has no weight.
+The unknowns are the position, the orientation of the body, and that of each camera. The stars of a camera measure its
+orientation relative to the Earth; its mounting links that to the body's; an attitude, of a camera or of the body, links an
+orientation to the position. Each has its covariance (Gauss-Markov); an unknown heading has no weight.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from celnav.sky.astrometry import enu_rotation
 
 F8 = NDArray[np.float64]
 
-# Nothing is known better than this: 6 cm on the ground.
+# Least standard deviation of any observation: 6 cm on the ground.
 _LEAST_SIGMA_RAD = 1e-8
 _LEAST_COS_LATITUDE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What is known of one camera.
+    """Observations of one camera.
 
     Attributes
     ----------
     rotation, cov_rad2 : ndarray, shape (3, 3), or None
-        Terrestrial frame to camera by its stars, and the covariance of a small rotation in the camera frame; None where the
-        camera was not identified.
+        Rotation from the terrestrial frame to the camera by its stars, and the covariance of a small rotation in the camera
+        frame; None if the camera was not identified.
     mounting : ndarray, shape (3, 3), or None
         Body to camera.
     mounting_sigma_rad : float
-        About each axis.
+        Standard deviation of the mounting about each axis.
     attitude : Attitude or None
-        Its own knowledge of the horizon.
+        Orientation relative to the horizon from the camera's own sensor.
     """
 
     rotation: F8 | None
@@ -52,23 +52,23 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The adjustment's result.
+    """Result of the adjustment.
 
     Attributes
     ----------
     rotation, cov_rad2 : ndarray, shape (3, 3), or None
-        Terrestrial frame to body, with the covariance of a small rotation in the body's frame; None without a mounting.
+        Terrestrial frame to body, with the covariance of a small rotation in the body frame; None without a mounting.
     lat_deg, lon_deg : float
-        NaN where no attitude is known.
+        Position; NaN if no attitude is known.
     cov_km2 : ndarray, shape (2, 2), or None
-        East-north.
+        Covariance of the position in the axes east and north.
     chi2 : float
-        Weighted sum of squares of what disagrees.
+        Weighted sum of squared residuals.
     freedom : int
-        Observations beyond the unknowns.
+        Number of observations minus unknowns.
     apart_rad : float
         Largest angle between a camera's stars and the body with its mounting, or between an attitude's vertical and the
-        place; NaN where nothing disagrees.
+        position; NaN if there is nothing to compare.
     """
 
     rotation: F8 | None
@@ -82,7 +82,7 @@ class Body:
 
     @property
     def chance(self) -> float:
-        """Probability of as large a `chi2` by chance; NaN without a degree of freedom."""
+        """Probability of as large a `chi2` by chance; NaN without degrees of freedom."""
         from scipy.special import chdtrc
 
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom > 0 else math.nan
@@ -90,7 +90,7 @@ class Body:
 
 @dataclass(eq=False)
 class _State:
-    """Where the iteration stands: terrestrial frame to body and to each camera, and the place."""
+    """State of the iteration: rotations from the terrestrial frame to body and cameras, and the position."""
 
     body: F8 | None
     cameras: list[F8]
@@ -103,14 +103,14 @@ class _State:
 
 
 def adjust_body(seen: Sequence[Seen], attitude: Attitude | None) -> Body | None:
-    """Adjust; None where no camera is identified.
+    """Adjust all observations together; None if no camera is identified.
 
     Parameters
     ----------
     seen : sequence of Seen
-        The cameras. Those that are neither identified nor mounted beside one that is say nothing.
+        The cameras. One that is neither identified nor mounted on a body with an identified camera contributes nothing.
     attitude : Attitude or None
-        Of the body, from a sensor that its cameras share.
+        Attitude of the body, from a sensor that its cameras share.
     """
     anchored = [one for one in seen if one.rotation is not None and one.mounting is not None]
     used = [one for one in seen if one.rotation is not None or (one.mounting is not None and anchored)]
@@ -154,7 +154,7 @@ def adjust_body(seen: Sequence[Seen], attitude: Attitude | None) -> Body | None:
 def _start(
     used: Sequence[Seen], anchored: Sequence[Seen], attitude: Attitude | None
 ) -> tuple[_State, list[Attitude | None]]:
-    """First rotations and place; the attitudes of the cameras and, last, of the body, doubted where stars contradict them."""
+    """Return the initial state, and the attitudes of the cameras and, last, of the body, less certain if stars contradict."""
     body = None
     cov = np.zeros((3, 3))
     if anchored:
@@ -191,14 +191,14 @@ def _cov(one: Seen) -> F8:
 
 
 def _unknowns(placed: bool, has_body: bool, cameras: int) -> NDArray[np.intp]:
-    """Columns of east, north; of the body's turn; of the cameras' turns."""
+    """Return the columns of the unknowns: east and north; rotation of the body; rotations of the cameras."""
     free = list(range(2)) if placed else []
     free += list(range(2, 5)) if has_body else []
     return np.array(free + list(range(5, 5 + 3 * cameras)), dtype=np.intp)
 
 
 def _observations(state: _State, used: Sequence[Seen], attitudes: Sequence[Attitude | None]) -> list[tuple[F8, F8, F8]]:
-    """Design, residual and information matrix of each: unknowns explain residuals."""
+    """Return the design matrix, residual and information matrix of each observation."""
     size = 5 + 3 * len(used)
     rows = []
     for number, one in enumerate(used):
@@ -223,7 +223,7 @@ def _observations(state: _State, used: Sequence[Seen], attitudes: Sequence[Attit
 
 
 def _turn(attitude: Attitude, rotation: F8, enu: F8) -> tuple[F8, F8]:
-    """Horizontal frame by the attitude, and the turn from it to the place's by that rotation, in the local frame."""
+    """Return the attitude's horizontal frame, and the rotation from it to that of the position, in the local frame."""
     frame = horizontal_frame(attitude)
     if attitude.kind == "up":
         local = frame.T @ rotation @ enu.T
@@ -236,7 +236,7 @@ def _of_attitude(attitude: Attitude, rotation: F8, columns: slice, state: _State
     frame, turn = _turn(attitude, rotation, state.enu)
     cos_lat = max(math.cos(state.lat_rad), _LEAST_COS_LATITUDE)
     design = np.zeros((3, size))
-    # As in `horizon.place_from_rotation`: a step east or north turns the place's horizon.
+    # As in `horizon.place_from_rotation`: a step east or north rotates the horizon of the position.
     design[:, :2] = np.array([[0.0, 1.0], [-1.0, 0.0], [-math.sin(state.lat_rad) / cos_lat, 0.0]])
     design[:, columns] = -frame.T
     tilt = 1 / max(math.radians(attitude.tilt_deg), _LEAST_SIGMA_RAD) ** 2
@@ -247,7 +247,7 @@ def _of_attitude(attitude: Attitude, rotation: F8, columns: slice, state: _State
 
 
 def _advance(state: _State, step: F8) -> None:
-    """Take a step, in place."""
+    """Apply a step to the state, in place."""
     cos_lat = max(math.cos(state.lat_rad), _LEAST_COS_LATITUDE)
     state.lat_rad += float(np.clip(step[1], -0.1, 0.1))
     state.lon_rad += float(step[0]) / cos_lat

@@ -1,10 +1,11 @@
-"""Many frames: a Kalman filter over fixes, with the vehicle's motion and the mount's bias as states, and a smoother.
+"""Track of a vehicle: a Kalman filter over fixes, with the vehicle's motion and the mount's bias as states, and a smoother.
 
-A camera that is mounted with a tilt error b puts every fix b times the Earth's radius away, in a direction that turns
-with the vehicle's heading: while the vehicle turns, position and bias part ways, and a whole orbit averages the bias
-away (Teague & Chahl 2024, Drones 8(11) 652). Filter and smoother: Rauch, Tung & Striebel 1965, AIAA J. 3(8) 1445; the
-error-state form, which keeps the position on the ellipsoid and only its error in a plane: Sola 2017, arXiv 1711.02508.
-East and north turn on the way, and at a pole at once: velocities and covariances are carried along the great circle.
+A camera mounted with a tilt error b displaces every fix by b times the Earth's radius, in a direction that rotates with the
+vehicle's heading. While the vehicle turns, position and bias can therefore be separated, and a full orbit averages the bias
+out (Teague & Chahl 2024, Drones 8(11) 652). Filter and smoother follow Rauch, Tung & Striebel 1965, AIAA J. 3(8) 1445; the
+error-state form, which keeps the position on the ellipsoid and only its error in a plane, follows Sola 2017, arXiv
+1711.02508. East and north rotate along the way, and abruptly at a pole, so velocities and covariances are transported along
+the great circle.
 """
 
 from __future__ import annotations
@@ -33,21 +34,21 @@ _N = 7
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """Choices of the filter.
+    """Configuration of the filter.
 
     Attributes
     ----------
     speed_sigma_km_s : float
-        Standard deviation of the unknown speed at the start.
+        Standard deviation of the unknown initial speed, along each axis.
     acceleration_km_s2 : float
         White-noise acceleration, km/s^2 per square root of hertz.
     tilt_bias_sigma_deg, heading_bias_sigma_deg : float
         Standard deviations of the mount's constant errors; zero for a mount without errors.
     bias_walk_deg : float
-        How far the biases wander in the square root of a second, degrees.
+        Random walk of the biases, degrees per square root of a second.
     gate : float
-        Squared normalised innovation, two degrees of freedom, beyond which a fix is a misidentification and left out;
-        13.8 drops one good fix in a thousand.
+        Squared normalised innovation, two degrees of freedom, beyond which a fix is rejected as a misidentification; 13.8
+        rejects one good fix in a thousand.
     """
 
     speed_sigma_km_s: float = bounded(0.1, 0)
@@ -72,17 +73,17 @@ class TrackPoint:
     lat_deg, lon_deg : float
         Position.
     velocity_km_s : ndarray, shape (2,)
-        East, north.
+        Velocity to the east and to the north.
     tilt_bias_deg : ndarray, shape (2,)
-        Tilt of the mount forward and to the right: how far the fix lies off, in degrees of arc.
+        Tilt of the mount forward and to the right, as the displacement of the fix in degrees of arc.
     heading_bias_deg : float
-        Heading that the stars imply minus the one given.
+        Heading that the stars imply minus the supplied one.
     cov : ndarray, shape (7, 7)
         Covariance of position (east, north, km), velocity (km/s), tilt bias and heading bias (deg).
     used : bool
         Whether the fix passed the gate.
     gate : float
-        Its squared normalised innovation.
+        Squared normalised innovation of the fix.
     """
 
     time_s: float
@@ -103,7 +104,7 @@ class TrackPoint:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One step for the smoother: the state before its fix, and the transition that led there."""
+    """One step for the smoother: the state before its fix, and the transition to it."""
 
     predicted: TrackPoint
     transition: F8
@@ -112,7 +113,7 @@ class _Step:
 
 @dataclass
 class Track:
-    """A track of one vehicle; feed it fixes in the order of time."""
+    """A track of one vehicle; feed it fixes in order of time."""
 
     config: TrackConfig = field(default_factory=TrackConfig)
     _steps: list[_Step] = field(default_factory=list, repr=False)
@@ -124,23 +125,23 @@ class Track:
         return tuple(step.filtered for step in self._steps)
 
     def update(self, fix: Fix, utc: str | datetime | Utc, heading_deg: float) -> TrackPoint | None:
-        """Take in a fix.
+        """Update the track with a fix.
 
         Parameters
         ----------
         fix : Fix
-            A refusal is passed over. Of the vertical alone, or with a standard deviation of the heading: a tilt of the
-            mount also turns the heading that the stars imply, and would pull the fix of a heading called exact. The
-            tilt's standard deviation is this filter's business and not the fix's.
+            The fix; a refusal is skipped. Solve it with the vertical alone, or with a standard deviation of the heading: a
+            tilt of the mount also changes the heading that the stars imply, and would bias a fix whose heading is stated as
+            exact. The standard deviation of the tilt belongs in this filter, not in the fix.
         utc : str, datetime or Utc
-            Its instant, not before the last one.
+            Time of the fix, not before the previous one.
         heading_deg : float
-            Heading of the mount (azimuth of its forward direction), as the vehicle knows it.
+            Heading of the mount (azimuth of its forward direction), as known to the vehicle.
 
         Returns
         -------
         TrackPoint or None
-            The state now; None for a refusal, and where the track would have to start with one.
+            The present state; None for a refusal, and if the track would have to start with one.
         """
         if not fix.ok or fix.cov_km2 is None:
             return None
@@ -189,7 +190,7 @@ class Track:
         return predicted, turn @ transition
 
     def smoothed(self) -> tuple[TrackPoint, ...]:
-        """Return the states given all fixes, later ones too (Rauch-Tung-Striebel)."""
+        """Return the states given all fixes, including later ones (Rauch-Tung-Striebel)."""
         if not self._steps:
             return ()
         points = [self._steps[-1].filtered]
@@ -205,15 +206,15 @@ class Track:
 
 
 def _elapsed_s(one: Utc, other: Utc) -> float:
-    """Seconds from one instant to another, leap seconds counted."""
+    """Return the seconds from one instant to another, including leap seconds."""
     seconds = other.second_of_day_s - one.second_of_day_s
     return (other.mjd_day - one.mjd_day) * 86400 + seconds + (other.tai_utc_s - one.tai_utc_s)
 
 
 def moved(lat_deg: float, lon_deg: float, east_km: float, north_km: float) -> tuple[float, float]:
-    """Return the position a short way (compared with the Earth) east and north of another one, a pole crossed or not.
+    """Return the position a short way (compared with the Earth) east and north of another one, even across a pole.
 
-    The vertical turns along a great circle, by the distances over the radii of curvature where the way begins.
+    The vertical rotates along a great circle, by the distances over the radii of curvature at the starting point.
     """
     east_radius, north_radius = radii_km(math.radians(lat_deg))
     axes = enu_rotation(lat_deg, lon_deg)
@@ -226,7 +227,7 @@ def moved(lat_deg: float, lon_deg: float, east_km: float, north_km: float) -> tu
 
 
 def offset_km(lat_deg: float, lon_deg: float, from_lat_deg: float, from_lon_deg: float) -> F8:
-    """Return east and north, km, shape (2,), of a position from another one nearby: what `moved` takes there."""
+    """Return the offset of a position from another one nearby, east and north, km, shape (2,): the inverse of `moved`."""
     there = enu_rotation(from_lat_deg, from_lon_deg) @ enu_rotation(lat_deg, lon_deg)[2]
     sine = math.hypot(there[0], there[1])
     angle = math.atan2(sine, there[2])
@@ -234,14 +235,14 @@ def offset_km(lat_deg: float, lon_deg: float, from_lat_deg: float, from_lon_deg:
 
 
 def _carried(lat_deg: float, lon_deg: float, to_lat_deg: float, to_lon_deg: float) -> F8:
-    """Turn of a state, shape (7, 7), that is carried from one position to another.
+    """Return the rotation of a state, shape (7, 7), that is transported from one position to another.
 
-    Directions keep their angle with the great circle between the two (parallel transport), while east and north turn
-    against it where meridians converge. Biases are of the vehicle, and keep their values.
+    Directions keep their angle with the great circle between the two (parallel transport), while east and north rotate
+    relative to it because meridians converge. Biases belong to the vehicle and keep their values.
     """
     here, there = enu_rotation(lat_deg, lon_deg), enu_rotation(to_lat_deg, to_lon_deg)
     axis = np.cross(here[2], there[2])
-    # The rotation that takes one vertical to the other by the shortest way, without its division by 0 for none.
+    # The rotation that takes one vertical to the other by the shortest way, in a form without a division by 0 if they agree.
     crossed = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     shortest = np.eye(3) + crossed + crossed @ crossed / max(1.0 + float(here[2] @ there[2]), 1e-9)
     turn = np.eye(_N)
@@ -276,12 +277,12 @@ def _shifted(point: TrackPoint, error: F8, cov: F8) -> TrackPoint:
 
 
 def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float) -> TrackPoint:
-    """Correct a predicted state by a fix, unless the fix lies too far off."""
+    """Correct a predicted state by a fix, unless the fix is beyond the gate."""
     assert fix.cov_km2 is not None
     s, c = math.sin(math.radians(heading_deg)), math.cos(math.radians(heading_deg))
     observe = np.zeros((2, _N))
     observe[0, 0] = observe[1, 1] = 1.0
-    # Forward and right of the vehicle in east and north.
+    # From forward and right of the vehicle to east and north.
     to_east_north = KM_PER_DEG * np.array([[s, c], [c, -s]])
     observe[:, 4:6] = to_east_north
     innovation = (
@@ -295,13 +296,13 @@ def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float)
     if distance > gate:
         return replace(predicted, used=False, gate=distance)
     if math.isfinite(fix.heading_off_deg) and predicted.cov[6, 6] > 0:
-        sigma = 0.02  # of a heading from one frame, degrees: what a centroid noise of 0.1 px leaves at the edge
+        sigma = 0.02  # of a heading from one frame, degrees: the effect of a centroid noise of 0.1 px at the edge
         observe = np.vstack((observe, np.eye(_N)[6]))
         innovation = np.append(innovation, fix.heading_off_deg - predicted.heading_bias_deg)
         noise = np.block([[noise, np.zeros((2, 1))], [np.zeros((1, 2)), np.full((1, 1), sigma**2)]])
         spread = observe @ predicted.cov @ observe.T + noise
     gain = predicted.cov @ observe.T @ np.linalg.inv(spread)
     left = np.eye(_N) - gain @ observe
-    # Joseph's form stays positive with the wide first covariance.
+    # Joseph's form stays positive definite with the large initial covariance.
     covariance = left @ predicted.cov @ left.T + gain @ noise @ gain.T
     return replace(_shifted(predicted, gain @ innovation, covariance), used=True, gate=distance)

@@ -1,1 +1,1 @@
-"""Where the stars appear: catalogue, time scales, Earth orientation, apparent places, refraction."""
+"""Apparent positions of stars: catalogue, time scales, Earth orientation, apparent places, refraction."""

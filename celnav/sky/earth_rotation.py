@@ -41,7 +41,7 @@ class EarthOrientationTable:
     yp_arcsec: NDArray[np.float64]
 
     def at(self, utc: Utc) -> EarthOrientation:
-        """Interpolate linearly to `utc`; raises `EarthRotationError` outside the table."""
+        """Interpolate linearly to `utc`; raise `EarthRotationError` outside the table."""
         if not self.mjd[0] <= utc.mjd <= self.mjd[-1]:
             raise EarthRotationError(
                 f"no Earth rotation data for MJD {utc.mjd:.1f}: the table covers MJD {self.mjd[0]:.0f} to "
@@ -58,8 +58,8 @@ class EarthOrientationTable:
 def read_finals2000a(path: Path) -> EarthOrientationTable:
     """Read an IERS finals2000A file (Bulletin A values: observed, then predicted).
 
-    Columns as in the file's ReadMe: MJD 8-15, x pole 19-27 and y pole 38-46 (arcsec), UT1-UTC 59-68 (s). The table
-    ends at the first day without a UT1-UTC.
+    The columns are those of the file's ReadMe: MJD 8-15, x pole 19-27 and y pole 38-46 (arcsec), UT1-UTC 59-68 (s). The
+    table ends at the first day without a UT1-UTC.
     """
     try:
         lines = path.read_bytes().splitlines()
@@ -95,7 +95,7 @@ def default_table() -> EarthOrientationTable:
 def earth_orientation(utc: Utc, dut1_s: float | None = None) -> EarthOrientation:
     """Return the Earth's orientation at `utc`.
 
-    With `dut1_s` given it replaces the table's UT1-UTC, and outside the table polar motion (at most 0.6 arcsec, 18 m)
+    If `dut1_s` is given, it replaces the UT1-UTC of the table; outside the table, polar motion (at most 0.6 arcsec, 18 m)
     is then taken as zero.
     """
     if dut1_s is None:

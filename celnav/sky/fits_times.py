@@ -1,7 +1,7 @@
-"""The time that a FITS header gives: start, middle and length of the exposure; or why it gives none.
+"""Exposure times in FITS headers: start, middle and duration of the exposure, or the reason why they are not available.
 
-Source: Rots et al. 2015, A&A 574, A36 (FITS time): DATE-OBS is the start unless the header has DATE-BEG, DATE-AVG or
-DATE-END; a time scale other than UTC stands in TIMESYS. Older headers have the time of day in a word of its own.
+Source: Rots et al. 2015, A&A 574, A36 (FITS time). DATE-OBS is the start unless the header has DATE-BEG, DATE-AVG or
+DATE-END; TIMESYS states a time scale other than UTC. Older headers have the time of day in a separate keyword.
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ _YEARS = (1900, 2200)
 _TIMES_OF_DAY = ("TIME-OBS", "UT", "UTC", "UTSTART", "UTC-OBS", "UT-OBS", "TIME-BEG")
 _MJD_EPOCH = datetime(1858, 11, 17, tzinfo=UTC)
 _SCALES = ("", "UTC", "UT", "UT1", "GMT", "Z")
-# The mean of a block of video frames, as the Global Meteor Network's stations name it.
+# File name of the mean of a block of video frames, as used by stations of the Global Meteor Network.
 _BLOCK_NAME = re.compile(r"FF_?\w*?_(\d{8})_(\d{6})_(\d{3})_")
 
 
 @dataclass(frozen=True)
 class ExposureInHeader:
-    """When a header says that the exposure was.
+    """Time of the exposure according to a header.
 
     Attributes
     ----------
     begun, middle : datetime or None
-        UTC; None where the header does not say it.
+        Start and middle, UTC; None if the header does not give them.
     length_s : float or None
+        Exposure time, s; None if the header does not give it.
     lacks : str
-        What hinders the middle from being known, a sentence; empty where it is known.
+        Reason why the middle is not known, as a sentence; empty if it is known.
     """
 
     begun: datetime | None
@@ -44,18 +45,18 @@ class ExposureInHeader:
 
 
 class _UnusableError(Exception):
-    """A word of the header that is there but cannot be used."""
+    """A keyword of the header is present but cannot be used."""
 
 
 def exposure_in(header: Header, first: Header, name: str) -> ExposureInHeader:
-    """Read the exposure from the header of an image, else from the first of its file, else from a meteor block's name.
+    """Read the exposure from an image's header, else from the first header of the file, else from a meteor block's name.
 
     Parameters
     ----------
     header, first : mapping
-        Words and their values: of the image, and of the file's first unit.
+        Keywords and their values, of the image and of the file's first unit.
     name : str
-        Of the file.
+        Name of the file.
     """
     try:
         length_s = _length(header, first)
@@ -71,7 +72,7 @@ def exposure_in(header: Header, first: Header, name: str) -> ExposureInHeader:
 
 
 def _of(part: Header, length_s: float | None) -> ExposureInHeader | None:
-    """Read one header; None where it has no date."""
+    """Read the exposure from one header; None if it has no date."""
     average = _moment(part, "DATE-AVG", "MJD-AVG")
     if average is not None:
         begun = None if length_s is None else average - timedelta(seconds=length_s / 2)
@@ -88,7 +89,7 @@ def _of(part: Header, length_s: float | None) -> ExposureInHeader | None:
 
 
 def _length(header: Header, first: Header) -> float | None:
-    """Return the first usable length, s; None where no word states one."""
+    """Return the first usable exposure time, s; None if no keyword gives one."""
     wrong = ""
     for part in (header, first):
         for key in _EXPOSURES:
@@ -104,7 +105,7 @@ def _length(header: Header, first: Header) -> float | None:
 
 
 def _number(value: object) -> float:
-    """Return a number, also where the header has it as a text; NaN for anything else."""
+    """Return a number, even if the header has it as text; NaN for anything else."""
     try:
         return float(value) if isinstance(value, (int, float, str)) and not isinstance(value, bool) else math.nan
     except ValueError:
@@ -112,7 +113,7 @@ def _number(value: object) -> float:
 
 
 def _moment(part: Header, date_key: str, mjd_key: str) -> datetime | None:
-    """Read a date with its time of day, or a Modified Julian Date; without a zone it is UTC."""
+    """Read a date with its time of day, or a Modified Julian Date; without a time zone it is UTC."""
     value = part.get(date_key)
     text = value.strip() if isinstance(value, str) else ""
     if not text:
@@ -162,7 +163,7 @@ def _shown(value: object) -> str:
 
 
 def _block_length(first: Header) -> float | None:
-    """Length of a meteor station's block of video frames, s."""
+    """Return the duration of a meteor station's block of video frames, s."""
     count, rate = first.get("NFRAMES"), first.get("FPS")
     if not (isinstance(count, (int, float)) and isinstance(rate, (int, float)) and 0 < count < 1e6 and 0 < rate < 1e6):
         return None
@@ -170,7 +171,7 @@ def _block_length(first: Header) -> float | None:
 
 
 def block_middle(name: str, length_s: float) -> datetime | None:
-    """Middle of a block of video frames by its file name, ``FF_<station>_<date>_<time>_<ms>_…``; None for other names."""
+    """Return the middle of a block of video frames from its file name, ``FF_<station>_<date>_<time>_<ms>_…``, else None."""
     found = _BLOCK_NAME.match(name)
     if found is None:
         return None

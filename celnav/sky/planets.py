@@ -1,7 +1,8 @@
-"""The naked-eye planets, so that the brightest lights of a frame are named.
+"""Directions of the naked-eye planets, which are often the brightest lights of a frame.
 
-Simon et al. 1994, Astron. Astrophys. 282, 663, as ERFA's ``plan94`` (arcseconds to an arcminute over 1000 to 3000), with
-light time and aberration. That is too coarse for a fix, which leaves planets out.
+The source is Simon et al. 1994, Astron. Astrophys. 282, 663, in the form of ERFA's ``plan94`` (accurate from arcseconds to an
+arcminute over the years 1000 to 3000), with light time and aberration. This is too coarse for a fix, which leaves planets
+out.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ ACCURACY_RAD = np.radians(1.0 / 60.0)
 
 
 def planet_name(star_id: int) -> str | None:
-    """Return the planet's name of a star id, or None for a star."""
+    """Return the name of the planet with a star id, or None for a star."""
     return PLANETS.get(-int(star_id) - FIRST_PLANET_ID)
 
 
 def planet_ids() -> NDArray[np.int64]:
-    """Star ids of the planets in the order of `planet_directions`."""
+    """Return the star ids of the planets, in the order of `planet_directions`."""
     return np.array([-(FIRST_PLANET_ID + number) for number in PLANETS], dtype=np.int64)
 
 
 def planet_directions(utc: Utc) -> F8:
-    """Apparent directions of the planets seen from the middle of the Earth, GCRS with aberration, shape (5, 3)."""
+    """Return the apparent geocentric directions of the planets, GCRS with aberration, shape (5, 3)."""
     tt1, tt2 = utc.tt
     earth = earth_at(utc)
     numbers = np.array(list(PLANETS), dtype=np.int32)

@@ -1,9 +1,9 @@
 """Refraction at low altitudes, as an integral over the heights that a ray passes.
 
-The air is the standard one: the temperature falls by 6.5 K/km up to 11 km and is constant above; water vapour falls as a
-power of the temperature. With the distance from the Earth's centre r, the refractive index n and the invariant c = n r sin z,
-a ray bends by dn/n tan z, tan z = c / sqrt(n^2 r^2 - c^2), in each step (Green 1985, Spherical Astronomy, section 4.4). Where
-the ray is horizontal the root vanishes; in u = sqrt(r - r_0) the integrand has no pole there.
+The air follows the standard atmosphere: the temperature falls by 6.5 K/km up to 11 km and is constant above; water vapour
+falls as a power of the temperature. With r the distance from the Earth's centre, n the refractive index and c = n r sin z the
+invariant, a ray bends by dn/n tan z, tan z = c / sqrt(n^2 r^2 - c^2), in each step (Green 1985, Spherical Astronomy, section
+4.4). Where the ray is horizontal, the root vanishes; in the variable u = sqrt(r - r_0), the integrand has no pole there.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ GEOPOTENTIAL_RADIUS_KM = 6356.766
 
 
 def standard_height_km(pressure_hpa: float) -> float:
-    """Height, km, at which the standard atmosphere has a pressure; -1 to 60."""
+    """Return the height, km, from -1 to 60, at which the standard atmosphere has a given pressure."""
     if pressure_hpa > TROPOPAUSE_HPA:
         height = SEA_LEVEL_K / LAPSE_K_KM * (1 - (pressure_hpa / SEA_LEVEL_HPA) ** (1 / 5.25588))
     else:
         height = TROPOPAUSE_KM + SCALE_ABOVE_KM * math.log(TROPOPAUSE_HPA / max(pressure_hpa, 1e-3))
-    # The standard's heights are geopotential ones.
+    # Heights of the standard atmosphere are geopotential.
     height *= GEOPOTENTIAL_RADIUS_KM / (GEOPOTENTIAL_RADIUS_KM - height)
     return min(max(height, -1.0), 60.0)
 
 
 def standard_pressure_hpa(height_km: float) -> float:
-    """Pressure of the standard atmosphere at a height up to 60 km; the inverse of `standard_height_km`."""
+    """Return the pressure of the standard atmosphere at a height up to 60 km; the inverse of `standard_height_km`."""
     geopotential = GEOPOTENTIAL_RADIUS_KM * height_km / (GEOPOTENTIAL_RADIUS_KM + height_km)
     if geopotential < TROPOPAUSE_KM:
         return float(SEA_LEVEL_HPA * (1 - LAPSE_K_KM * geopotential / SEA_LEVEL_K) ** 5.25588)
@@ -55,13 +55,14 @@ def standard_pressure_hpa(height_km: float) -> float:
 
 
 class Air:
-    """Refractive index by the distance from the Earth's centre, around an observer.
+    """Refractive index as a function of the distance from the Earth's centre, for an observer.
 
     Parameters
     ----------
     pressure_hpa, temperature_c, relative_humidity : float
-        At the observer; pressure above 0. The height is that of the standard atmosphere at this pressure.
+        Air at the observer; the pressure is above 0. The height is that of the standard atmosphere at this pressure.
     wavelength_um : float
+        Wavelength, micrometres.
     """
 
     def __init__(
@@ -74,14 +75,15 @@ class Air:
         hydrostatic = HYDROSTATIC_K_KM * (1 - 2.8e-4 * height_km)
         self.power = hydrostatic / LAPSE_K_KM
         kelvin = temperature_c + 273.15
-        # Dry air over pressure and temperature, K/hPa (Hohenkerk & Sinclair 1985 after the IAG's recommendation of 1963).
+        # Refractivity of dry air per pressure over temperature, K/hPa (Hohenkerk & Sinclair 1985 after the IAG's
+        # recommendation of 1963).
         per_hpa = 273.15e-6 / 1013.25 * (287.6155 + 1.62887 / wavelength_um**2 + 0.01360 / wavelength_um**4)
         self.base_km, vapour = self.observer_km, 0.0
         if height_km > TROPOPAUSE_KM:
             self.base_km = self.bend_km
             pressure_hpa *= math.exp(hydrostatic / kelvin * (height_km - TROPOPAUSE_KM))
         else:
-            # Over water: Gill 1982, Atmosphere-Ocean Dynamics, appendix 4.
+            # Saturation vapour pressure over water: Gill 1982, Atmosphere-Ocean Dynamics, appendix 4.
             saturated = 10 ** ((0.7859 + 0.03477 * temperature_c) / (1 + 0.00412 * temperature_c))
             saturated *= 1 + pressure_hpa * 1e-6 * (4.5 + 6e-4 * temperature_c**2)
             vapour = min(
@@ -89,7 +91,7 @@ class Air:
                 pressure_hpa,
             )
         self.kelvin = kelvin
-        # Hydrostatics of the mixture adds to the dry pressure what the lighter vapour takes away (Sinclair 1982).
+        # In hydrostatic equilibrium, the dry pressure gains what the lighter vapour takes away (Sinclair 1982).
         added = LIGHTER_VAPOUR * vapour * self.power / (VAPOUR_POWER - self.power)
         self.dry = per_hpa * (pressure_hpa + added) / kelvin
         self.wet = (per_hpa * added + 11.2684e-6 * vapour) / kelvin
@@ -108,44 +110,44 @@ class Air:
         return dry - wet, slope
 
     def above(self, r_km: F8) -> tuple[F8, F8]:
-        """Return the same of the stratosphere."""
+        """Return n - 1 and dn/dr (1/km) of the stratosphere."""
         excess = self.bend_excess * np.exp(self.fall_per_km * (self.bend_km - r_km))
         return excess, -self.fall_per_km * excess
 
     def index(self, r_km: float) -> float:
-        """Return n."""
+        """Return the refractive index n at a distance."""
         return 1.0 + float((self.below if r_km <= self.bend_km else self.above)(np.array(r_km))[0])
 
     @property
     def invariant_km(self) -> float:
-        """The invariant of a horizontal ray."""
+        """The invariant of a horizontal ray at the observer."""
         return self.index(self.observer_km) * self.observer_km
 
 
 @lru_cache(maxsize=8)
 def air_at(pressure_hpa: float, temperature_c: float, relative_humidity: float, wavelength_um: float) -> Air:
-    """Return the air, kept for the next call."""
+    """Return the air for these values, cached for the next call."""
     return Air(pressure_hpa, temperature_c, relative_humidity, wavelength_um)
 
 
 def horizon_dip_rad(air: Air) -> float:
-    """Return how far below the horizontal the sea's horizon is seen, 0 for an observer at sea level."""
+    """Return the dip of the sea horizon below the horizontal, 0 for an observer at sea level."""
     if air.observer_km <= EARTH_RADIUS_KM:
         return 0.0
     return math.acos(min(1.0, air.index(EARTH_RADIUS_KM) * EARTH_RADIUS_KM / air.invariant_km))
 
 
 def ray_bending_rad(apparent_altitude_rad: F8, air: Air) -> F8:
-    """Refraction at apparent altitudes, shape (n,), up to 20 deg, radians.
+    """Return the refraction at apparent altitudes, shape (n,), up to 20 deg, radians.
 
-    A ray from below the horizontal is symmetric about its lowest point: its refraction is that of the ray as far above the
-    horizontal, and twice what it bends between the lowest point and the observer. What lies below the sea's horizon has
-    the refraction of the horizon.
+    A ray from below the horizontal is symmetric about its lowest point: its refraction is that of the ray at the same angle
+    above the horizontal, plus twice the bending between the lowest point and the observer. Altitudes below the sea horizon
+    get the refraction of the horizon.
     """
     altitude = np.maximum(apparent_altitude_rad, -horizon_dip_rad(air) - 1e-3)
     upward = np.abs(altitude)
     invariant = air.invariant_km * np.cos(upward)
-    # The lowest point of the ray if the air below the observer were uniform.
+    # Start from the lowest point of the ray if the air below the observer were uniform.
     start = air.observer_km * np.cos(upward)
     total = np.zeros_like(upward)
     for shell, lower, upper in (
@@ -161,7 +163,7 @@ def ray_bending_rad(apparent_altitude_rad: F8, air: Air) -> F8:
 
 
 def _bent_below(air: Air, invariant: F8) -> F8:
-    """Bending between the lowest point of rays and the observer."""
+    """Return the bending between the lowest point of rays and the observer, radians."""
     lowest = np.full_like(invariant, air.observer_km)
     for _ in range(30):
         excess, slope = _mixed(air, lowest)
@@ -177,7 +179,7 @@ def _bent_below(air: Air, invariant: F8) -> F8:
 
 
 def _mixed(air: Air, r_km: F8) -> tuple[F8, F8]:
-    """As `Air.below` or `Air.above`, by the distance."""
+    """Return `Air.below` or `Air.above`, depending on the distance."""
     low, high = air.below(r_km), air.above(r_km)
     inside = r_km <= air.bend_km
     return np.where(inside, low[0], high[0]), np.where(inside, low[1], high[1])
@@ -187,7 +189,7 @@ _NODE, _WEIGHT = np.polynomial.legendre.leggauss(NODES)
 
 
 def _bent(shell: Shell, invariant: F8, start_km: F8, lower_km: F8, upper_km: float) -> F8:
-    """Bending, rad, between two distances, by Gauss-Legendre quadrature in u = sqrt(r - start)."""
+    """Return the bending, rad, between two distances, by Gauss-Legendre quadrature in u = sqrt(r - start)."""
     first, last = np.sqrt(lower_km - start_km), np.sqrt(upper_km - start_km)
     half = ((last - first) / 2)[:, None]
     u = ((last + first) / 2)[:, None] + half * _NODE

@@ -1,4 +1,4 @@
-"""Atmospheric refraction: ERFA's series and a ray integral for the default solver, Bennett's formula for the thesis' ones."""
+"""Atmospheric refraction: ERFA's series and a ray integral for the default solver, Bennett's formula for the thesis'."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.sky.ray_integral import Air, air_at, ray_bending_rad
 
-# Below it the formula leaves its range (its pole is at -4.4 deg); the refraction there is held at this altitude's.
+# Below this altitude the formula is out of range (its pole is at -4.4 deg), and the refraction is kept constant.
 LOWEST_ALTITUDE_DEG = -1.0
 
 
 def bennett_arcmin(
     apparent_altitude_deg: ArrayLike, pressure_hpa: float = 1010.0, temperature_c: float = 10.0
 ) -> NDArray[np.float64]:
-    """Refraction at an apparent altitude.
+    """Return the refraction at an apparent altitude.
 
     R = cot(h + 7.31 / (h + 4.4)) arcmin with h in degrees, scaled by P/1010 hPa and 283/(273 + T).
 
     Parameters
     ----------
     apparent_altitude_deg : array_like
-        Altitude as seen, degrees.
+        Apparent altitude, degrees.
     pressure_hpa, temperature_c : float
-        At the observer. No pressure, no refraction.
+        Air at the observer; at zero pressure there is no refraction.
 
     Returns
     -------
@@ -42,17 +42,17 @@ def bennett_arcmin(
 
 
 def unrefract(dirs_enu: NDArray[np.float64], pressure_hpa: float, temperature_c: float) -> NDArray[np.float64]:
-    """Take apparent ENU unit vectors, shape (n, 3), to geometric ones: lower each by its refraction."""
+    """Convert apparent ENU unit vectors, shape (n, 3), to geometric ones by lowering each by its refraction."""
     return _lift(
         dirs_enu, -bennett_arcmin(np.degrees(np.arcsin(np.clip(dirs_enu[:, 2], -1, 1))), pressure_hpa, temperature_c)
     )
 
 
 def refract(dirs_enu: NDArray[np.float64], pressure_hpa: float, temperature_c: float) -> NDArray[np.float64]:
-    """Take geometric ENU unit vectors, shape (n, 3), to apparent ones.
+    """Convert geometric ENU unit vectors, shape (n, 3), to apparent ones.
 
-    Bennett's formula wants the apparent altitude, which is found by iteration; three rounds leave less than 0.01 arcsec
-    above 5 deg.
+    Bennett's formula needs the apparent altitude, which is found by iteration; after three rounds, the error is below
+    0.01 arcsec above 5 deg.
     """
     true_deg = np.degrees(np.arcsin(np.clip(dirs_enu[:, 2], -1, 1)))
     refraction_arcmin = np.zeros(len(dirs_enu))
@@ -62,21 +62,21 @@ def refract(dirs_enu: NDArray[np.float64], pressure_hpa: float, temperature_c: f
 
 
 def _lift(dirs_enu: NDArray[np.float64], arcmin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Raise directions by angles, away from the horizon along their vertical circles."""
+    """Raise directions by angles along their vertical circles, away from the horizon."""
     horizontal = np.hypot(dirs_enu[:, 0], dirs_enu[:, 1])
     angle = np.radians(arcmin / 60)
     cos_angle, sin_angle = np.cos(angle), np.sin(angle)
     z = dirs_enu[:, 2] * cos_angle + horizontal * sin_angle
-    # At the zenith there is no vertical circle; the (vanishing) refraction there has no direction.
+    # At the zenith there is no vertical circle, and the refraction, which vanishes there, has no direction.
     factor = cos_angle - dirs_enu[:, 2] * sin_angle / np.maximum(horizontal, 1e-12)
     factor = np.where(horizontal < 1e-9, 1.0, factor)
     return np.column_stack((dirs_enu[:, 0] * factor, dirs_enu[:, 1] * factor, z))
 
 
 LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
-# From this altitude on the integral is a smooth function that so many polynomials give to rounding.
+# Above this altitude, the integral is a smooth function that a series of this many polynomials gives to rounding errors.
 _LOWEST_OF_SERIES_RAD, _TERMS = np.radians(1.0), 28
-# Thinner air bends no ray by a hundredth of an arcsecond.
+# Air of lower pressure bends no ray by a hundredth of an arcsecond.
 LEAST_PRESSURE_HPA = 1e-3
 
 
@@ -87,11 +87,11 @@ def refraction_rad(
     relative_humidity: float = 0.5,
     wavelength_um: float = 0.55,
 ) -> NDArray[np.float64]:
-    """Refraction at apparent zenith distances, shape (n,), radians.
+    """Return the refraction at apparent zenith distances, shape (n,), radians.
 
-    A tan z + B tan^3 z with ERFA's ``refco`` (good to 0.05 arcsec) above 15 deg of altitude; below it the integral of
-    `celnav.sky.ray_integral` through standard air, down to the horizon of an observer at the height that the pressure has in
-    the standard atmosphere. Their difference at 15 deg, 0.02 arcsec, fades towards the horizontal.
+    Above 15 deg of altitude it is A tan z + B tan^3 z with ERFA's ``refco`` (good to 0.05 arcsec). Below, it is the integral
+    of `celnav.sky.ray_integral` through standard air, down to the horizon of an observer at the height at which the standard
+    atmosphere has this pressure. Their difference at 15 deg, 0.02 arcsec, fades out towards the horizontal.
 
     References
     ----------
@@ -116,7 +116,7 @@ def refraction_rad(
 
 
 def _low_bending(altitude_rad: NDArray[np.float64], air: Air) -> NDArray[np.float64]:
-    """`ray_bending_rad` up to the seam, by a Chebyshev series from `_LOWEST_OF_SERIES_RAD` up: 1e-12 rad off at most."""
+    """Return `ray_bending_rad` up to the seam; above `_LOWEST_OF_SERIES_RAD`, a Chebyshev series with errors below 1e-12."""
     if not (altitude_rad >= _LOWEST_OF_SERIES_RAD).all():
         bending = np.empty_like(altitude_rad)
         fitted = altitude_rad >= _LOWEST_OF_SERIES_RAD
@@ -130,7 +130,7 @@ def _low_bending(altitude_rad: NDArray[np.float64], air: Air) -> NDArray[np.floa
 
 @lru_cache(maxsize=8)
 def _series_of_bending(air: Air) -> NDArray[np.float64]:
-    """Coefficients of the Chebyshev polynomials through the integral at their nodes, shape (_TERMS,)."""
+    """Return the coefficients of the Chebyshev series that interpolates the integral at its nodes, shape (_TERMS,)."""
     seam = np.radians(LOWEST_ALTITUDE_OF_SERIES_DEG)
     angle = np.pi * (np.arange(_TERMS) + 0.5) / _TERMS
     altitude = _LOWEST_OF_SERIES_RAD + (np.cos(angle) + 1) / 2 * (seam - _LOWEST_OF_SERIES_RAD)
@@ -147,7 +147,7 @@ def _bending_at_seam(air: Air) -> float:
 def unrefract_rays(
     rays: NDArray[np.float64], up: NDArray[np.float64], pressure_hpa: float, temperature_c: float
 ) -> NDArray[np.float64]:
-    """Take apparent unit vectors, shape (n, 3), of any frame to geometric ones, given the vertical, shape (3,)."""
+    """Convert apparent unit vectors, shape (n, 3), of any frame to geometric ones, given the vertical, shape (3,)."""
     height = rays @ up
     outward = up - height[:, None] * rays
     length = np.sqrt(np.einsum("ni,ni->n", outward, outward))

@@ -1,4 +1,4 @@
-"""Names of stars for people: proper names of the bright ones, Bayer's and Flamsteed's from the Yale catalogue, numbers."""
+"""Names of stars for people: proper names of bright stars, Bayer and Flamsteed designations (Yale catalogue), numbers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _CATALOGUE = Path(__file__).parents[1] / "data" / "ybsc" / "catalog.dat"
 
 
 def star_name(hip: int, hr: int) -> str:
-    """Return the name of a star: Sirius, ε CMa, 61 Cyg, HIP 2, HR 1; empty without a number (0) of either catalogue."""
+    """Return the name of a star: Sirius, ε CMa, 61 Cyg, HIP 2, HR 1; empty if both catalogue numbers are 0 (none)."""
     if hr in PROPER_NAMES:
         return PROPER_NAMES[hr]
     if hr in _designations():
@@ -43,7 +43,7 @@ def star_name(hip: int, hr: int) -> str:
 
 @cache
 def _designations() -> dict[int, str]:
-    """Bayer's or Flamsteed's designation by HR number (bytes 5-14 of the Yale catalogue)."""
+    """Return Bayer or Flamsteed designations by HR number (bytes 5-14 of the Yale catalogue)."""
     found = {}
     for line in _CATALOGUE.read_text(encoding="latin-1").splitlines():
         flamsteed, greek, component, constellation = (

@@ -38,7 +38,7 @@ class Utc:
 
     @property
     def tai_utc_s(self) -> float:
-        """TAI - UTC in seconds, from the table of leap seconds that ERFA holds."""
+        """TAI - UTC in seconds, from ERFA's table of leap seconds."""
         return tai_minus_utc_s(self.mjd_day)
 
     @property
@@ -66,7 +66,7 @@ def _leap_table() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def tai_minus_utc_s(mjd_day: int) -> float:
-    """Return TAI - UTC (s) on a UTC day given by its MJD; raises `TimeError` before 1972."""
+    """Return TAI - UTC (s) on a UTC day given by its MJD; raise `TimeError` before 1972."""
     days, offsets = _leap_table()
     row = int(np.searchsorted(days, mjd_day, side="right")) - 1
     if row < 0:
@@ -75,22 +75,23 @@ def tai_minus_utc_s(mjd_day: int) -> float:
 
 
 def parse_utc(utc: str | datetime | Utc) -> Utc:
-    """Read a UTC.
+    """Read a UTC time.
 
     Parameters
     ----------
     utc : str, datetime or Utc
-        ISO 8601 with a zone (``2020-01-01T00:00:00Z``, or an offset such as ``+02:00``), or a datetime with a zone.
-        The second 60 is accepted in a leap second.
+        ISO 8601 with a time zone (``2020-01-01T00:00:00Z``, or an offset such as ``+02:00``), or a datetime with a time
+        zone. The second 60 is accepted in a leap second.
 
     Returns
     -------
     Utc
+        The instant.
 
     Raises
     ------
     TimeError
-        When it cannot be read, has no zone, or names an instant that does not exist.
+        When the time cannot be read, has no time zone, or does not exist.
     """
     if isinstance(utc, Utc):
         return utc

@@ -1,1 +1,1 @@
-"""What the covariance of a fix needs beyond the scatter of single stars: lens, air, and errors that neighbours share."""
+"""Contributions to the covariance of a fix beyond the scatter of single stars: lens, air, and errors shared by neighbours."""

@@ -1,7 +1,7 @@
-"""What the stars contradict of what was told: a lens that has changed since its calibration, a mount that has moved.
+"""Inputs that the stars contradict: a lens that has changed since its calibration, or a mount that has moved.
 
-A lens whose field does not fit as it was told is fitted with focal length and principal point let free. The vertical came
-from the same calibration, and stars cannot check it: it is doubted by as much as heading and lens have proved to be off.
+If the stars do not fit the supplied lens, its focal length and principal point are freed and fitted. The vertical came from
+the same calibration, but stars cannot check it; its uncertainty is raised by as much as heading and lens proved to be off.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from celnav.matching.protocol import Observation
 from celnav.problem import ToldSigmas
 
 FREED_FOCAL = 0.1
-"""Standard deviation of the focal length's logarithm where the lens told does not hold."""
+"""Standard deviation of the logarithm of the focal length where the supplied lens does not hold."""
 FREED_CENTRE = 0.1
-"""Of the principal point, in focal lengths (5.7 deg): what a lens may be decentred by and still image the sky."""
+"""Standard deviation of the principal point there, in focal lengths (5.7 deg): the decentring that a usable lens may have."""
 FEWEST_STARS = 12
-"""Stars that a lens let free must name: it has three parameters more to fit chance with."""
+"""Least number of stars identified with a freed lens, whose three additional parameters make chance fits easier."""
 MOST_SCATTER_PX = 3.0
-"""Root mean square distance of those stars: what scatters more is wrong in another way."""
+"""Largest root mean square residual of those stars, pixels; if they scatter more, something else is wrong."""
 WIDE_SCATTER_PX = 1.5
 LEFT_SCATTER = 0.7
-"""Part of the scatter that a lens let free may leave; of a right lens it leaves nearly all."""
+"""Fraction of the scatter that may remain with a freed lens; if the lens was right, nearly all of it remains."""
 CLEAR_SIGMAS = 5.0
 _WORST_CONDITION = 1e10
 _LEAST_CONTRADICTION = 11.34  # chi-squared of three degrees of freedom that chance exceeds in one frame of a hundred
 
 
 def freed(told: CameraPriors, camera: Camera) -> CameraPriors:
-    """Let focal length and principal point free, as far as they are not already."""
+    """Free focal length and principal point, as far as they are not free already."""
     centre_px = max(told.centre_px, FREED_CENTRE * camera.f_px)
     return replace(told, focal=max(told.focal, FREED_FOCAL), centre_px=centre_px)
 
 
 def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
-    """Tell whether a fix calls for the lens to be let free.
+    """Return whether a fix calls for a solution with the lens freed.
 
-    So it does where its stars contradict what was told, where they scatter widely, and where their residuals, held against
-    derivatives by a turn, the focal length and the principal point, show a principal point clearly beyond its standard
-    deviation, if one was told.
+    It does if its stars contradict the inputs, or scatter widely. It also does if a principal point with a stated standard
+    deviation is clearly off by more than that, according to a fit of rotation, focal length and principal point to the
+    residuals.
     """
     if fix.reason is Reason.INCONSISTENT or fix.residual_rms_px > WIDE_SCATTER_PX:
         return True
@@ -68,7 +68,7 @@ def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
 
 
 def better(fix: Fix, with_free_lens: Fix) -> bool:
-    """Tell whether a fix with the lens let free is to replace the one with the lens as it was told."""
+    """Return whether a fix with the lens freed is to replace the one with the lens as supplied."""
     again = with_free_lens
     stands = again.reason is not Reason.INCONSISTENT and len(again.matches) >= FEWEST_STARS
     if not stands or again.residual_rms_px > MOST_SCATTER_PX:
@@ -77,10 +77,10 @@ def better(fix: Fix, with_free_lens: Fix) -> bool:
 
 
 def doubt_deg(adjusted: Adjusted, camera: Camera, told: ToldSigmas, held: CameraPriors) -> float:
-    """Return by how much the lens was off beyond what was told, degrees: as much, about each axis, the vertical may be.
+    """Return by how much the lens exceeded its stated errors, degrees; the vertical may be off as much about each axis.
 
-    The principal point's shift counts, and the corner's by a focal length that was told with a standard deviation. `held` is
-    what holds a camera that is not contradicted.
+    The shift of the principal point counts, and, if the focal length has a stated standard deviation, the shift that its
+    error causes at the corner. `held` are the priors of a camera that is not contradicted.
     """
     corner_px = math.hypot(camera.width, camera.height) / 2
     units = np.array([corner_px if told.focal else 0.0, 1.0, 1.0])

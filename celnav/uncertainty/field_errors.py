@@ -1,4 +1,4 @@
-"""An adjusted field with the errors that single stars do not show: shared residuals, and the lens' own uncertainty."""
+"""Errors of an adjusted field that single stars do not show: shared residuals, and the uncertainty of the lens."""
 
 from __future__ import annotations
 
@@ -24,40 +24,41 @@ F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 SAME_VERTICAL_DEG = 0.2
-"""An attitude whose vertical is as near as this to that of the camera's calibration is taken to come from it: mounts move by
-hundredths of a degree, and no level agrees with one so well by chance alone."""
-# Pairs that are less likely say nothing of the field.
+"""An attitude whose vertical is this close to that of the camera's calibration is assumed to come from that calibration:
+mounts move by hundredths of a degree, and no level agrees with a calibration so well by chance."""
+# Less likely pairs carry no information about the field.
 _LEAST_WEIGHT = 0.05
 CLEAR_SIGMAS = 4.0
-"""Standard deviations, of what the stars say and of what was told, by which refraction has to be off to be corrected."""
+"""Refraction is corrected if it is off by this many standard deviations, those of the stars and of the inputs combined."""
 MOST_REFRACTION = 0.35
-"""Part of the refraction, which no error of height or weather exceeds (3,000 m of height are 0.25): more is the lens."""
+"""Largest relative error of the refraction that a wrong height or weather can cause (3,000 m of height cause 0.25); a larger
+one comes from the lens."""
 _FEWEST_NUMBERS = 60
 _WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True, eq=False)
 class FieldOfStars:
-    """What was adjusted.
+    """The inputs of an adjustment.
 
     Attributes
     ----------
     camera : Camera
-        As it was given.
+        The camera as supplied.
     uv, rays : ndarray, shapes (n, 2) and (n, 3)
-        Detections, refraction taken off.
+        Detections with refraction removed.
     relative_sigma : ndarray, shape (n,), or None
-        Standard deviations up to a common factor.
+        Standard deviations of the detections up to a common factor.
     dirs : ndarray, shape (k, 3)
-        Stars, terrestrial frame.
+        Directions of the stars, terrestrial frame.
     up : ndarray, shape (3,), or None
-        Zenith in the camera frame; None where it is unknown or there is no air.
+        Zenith in the camera frame; None if it is unknown or there is no air.
     air : tuple of float
         Pressure (hPa) and temperature (deg C).
     air_sigma : float
         Relative standard deviation of the refraction.
     whitening : ndarray, shape (n, 2, 2), or None
-        Matrices that make the detections' errors alike in all directions, up to a factor; in place of `relative_sigma`.
+        Matrices that make the errors of the detections isotropic, up to a factor; used instead of `relative_sigma`.
     """
 
     camera: Camera
@@ -72,34 +73,35 @@ class FieldOfStars:
 
     @cached_property
     def mass(self) -> F8 | None:
-        """Airmass of the detections, shape (n,)."""
+        """Airmass of each detection, shape (n,)."""
         return None if self.up is None else airmass(self.rays @ self.up)
 
 
 @dataclass(frozen=True, eq=False)
 class NamedStars:
-    """The pairs of an adjustment that say something of the field, and how they answer to what may be wrong.
+    """The informative pairs of an adjustment, and their derivatives by possible errors.
 
     Attributes
     ----------
     field : FieldOfStars
-        What was adjusted.
+        Inputs of the adjustment.
     adjusted : Adjusted
-        The outcome.
+        Its result.
     rows, detection : ndarray of int, shape (n,)
-        The pairs, and their detections.
+        Indices of the pairs, and of their detections.
     precision : ndarray, shape (n,)
-        Inverse variances, px^-2; of streaks those of the geometric mean along and across them.
+        Inverse variances, px^-2; for streaks, from the geometric mean of the standard deviations along and across them.
     rounding : ndarray, shape (n, 2, 2), or None
-        Of streaks: matrices of unit determinant under which errors are alike in all directions.
+        For streaks: matrices of unit determinant under which the errors are isotropic.
     turned : ndarray, shape (n, 3)
-        Directions of their stars, camera frame.
+        Directions of the stars, camera frame.
     free : ndarray of int, shape (k,)
-        The focal length and the camera parameters that were fitted.
+        Indices of the focal length and of the camera parameters that were fitted.
     design : ndarray, shape (n, 2, 3 + k)
-        Derivatives of the predictions by a turn and by these, after `rounding`, as all that follows and the residuals are.
+        Derivatives of the predictions by a rotation and by the parameters `free`, after `rounding`. `by_air` and the
+        residuals are after `rounding` too.
     by_air : ndarray, shape (n, 2, 1), or None
-        Derivatives by the refraction's relative error; None where no vertical is known, or there is no air.
+        Derivatives by the relative error of the refraction; None if no vertical is known or there is no air.
     """
 
     field: FieldOfStars
@@ -115,7 +117,7 @@ class NamedStars:
 
     @classmethod
     def of(cls, field: FieldOfStars, adjusted: Adjusted) -> NamedStars:
-        """Choose the pairs, and derive."""
+        """Select the informative pairs and compute their derivatives."""
         rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
         detection, star = adjusted.detection[rows], adjusted.star[rows]
         own, rounding = np.ones(len(rows)), None
@@ -142,19 +144,19 @@ class NamedStars:
         return self.rounded(self.adjusted.residual_px.take(self.rows, axis=0)[:, :, None])[:, :, 0]
 
     def rounded(self, moved: F8) -> F8:
-        """Shifts of the stars, shape (n, 2, m), in the axes of `design`."""
+        """Apply `rounding` to shifts of the stars, shape (n, 2, m), so that they are in the axes of `design`."""
         return moved if self.rounding is None else np.asarray(self.rounding @ moved)
 
     @property
     def fitted_design(self) -> F8:
-        """The design without the focal length where that was not fitted."""
+        """The design matrix, without the focal length if that was not fitted."""
         if self.adjusted.camera_sigmas[0] > 0:
             return self.design
         return np.concatenate((self.design[:, :, :3], self.design[:, :, 4:]), axis=2)
 
 
 def measured_sigmas(field: FieldOfStars, adjusted: Adjusted) -> F8 | None:
-    """Return standard deviations of the detections up to a factor, where those given do not explain the residuals."""
+    """Estimate relative standard deviations of the detections; None if the supplied ones explain the residuals."""
     own = np.ones(len(field.uv)) if field.relative_sigma is None else field.relative_sigma
     half_square = np.einsum("ni,ni->n", adjusted.residual_px, adjusted.residual_px) / 2
     if field.whitening is not None:
@@ -166,16 +168,16 @@ def measured_sigmas(field: FieldOfStars, adjusted: Adjusted) -> F8 | None:
 def with_shared_errors(
     named: NamedStars, priors: CameraPriors, attitude: Attitude | None
 ) -> tuple[Adjusted, SharedField | None]:
-    """Widen the covariance of an adjustment by what neighbours share and by the lens' uncertainty.
+    """Widen the covariance of an adjustment by errors shared by neighbours and by the uncertainties of air and lens.
 
     Parameters
     ----------
     named : NamedStars
-        What was adjusted, and the outcome.
+        The adjusted stars and the result.
     priors : CameraPriors
-        What held the camera.
+        Priors of the camera in the adjustment.
     attitude : Attitude or None
-        With which the orientation will be compared.
+        The attitude with which the orientation will be compared.
     """
     field, adjusted, precision, design = named.field, named.adjusted, named.precision, named.fitted_design
     free = np.flatnonzero(adjusted.camera_sigmas > 0)
@@ -209,10 +211,11 @@ def with_shared_errors(
 
 
 def shown_refraction(named: NamedStars) -> Estimate | None:
-    """Return the relative error of the refraction where the stars show it clearly, whatever the focal length.
+    """Return the relative error of the refraction if the stars show it clearly whatever the focal length, else None.
 
-    Its derivatives, those of a turn, of the focal length and of what was fitted of the camera enter one linear problem. A
-    lens that was calibrated on stars has the refraction's error of those nights in its radial terms: it is not asked.
+    It is fitted in one linear problem together with a rotation, the focal length and the camera parameters that were fitted.
+    The radial terms of a lens that was calibrated on stars contain the refraction error of those nights, so for such a lens
+    the result is None.
     """
     field = named.field
     if named.by_air is None or field.camera.uncertainty is not None or 2 * len(named.rows) < _FEWEST_NUMBERS:
@@ -235,7 +238,7 @@ def shown_refraction(named: NamedStars) -> Estimate | None:
 
 
 def _calibrated_together(camera: Camera, attitude: Attitude | None) -> bool:
-    """Tell whether the vertical of an attitude is the one that was calibrated with the camera."""
+    """Return whether the vertical of an attitude is the one that was calibrated with the camera."""
     if attitude is None or camera.uncertainty is None or not camera.uncertainty.R_cam:
         return False
     apart = horizontal_frame(attitude)[:, 2] - np.array(camera.uncertainty.R_cam)[:, 2]
@@ -243,7 +246,7 @@ def _calibrated_together(camera: Camera, attitude: Attitude | None) -> bool:
 
 
 def _reference(field: FieldOfStars) -> Sway | None:
-    """How residuals where the stars of the calibration stood have turned its attitude."""
+    """Return how residuals at the star positions of the calibration have rotated its attitude."""
     assert field.camera.uncertainty is not None
     cells = np.array(field.camera.uncertainty.star_cells)
     rays = field.camera.to_rays(cells[:, :2])

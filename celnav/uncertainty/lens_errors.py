@@ -1,9 +1,9 @@
-"""From the covariance of a calibrated lens to that of the camera's orientation.
+"""Propagation of the covariance of a calibrated lens to the camera's orientation.
 
-An error of the lens turns the orientation that the stars give. The attitude that was calibrated with the same lens is turned
-too, and of a frame like those of the calibration by as much: only the difference enters the position. Parameters of the
-lens are considered, not estimated (Schmidt 1966, Advances in Control Systems 3, 293): what one frame could add to the
-calibration of many is left out.
+An error of the lens rotates the orientation that the stars give. It also rotated the attitude that was calibrated with the
+same lens, and by as much if the frame is like those of the calibration; only the difference enters the position. The
+lens parameters are "considered", not estimated (Schmidt 1966, Advances in Control Systems 3, 293): what a single frame could
+add to a calibration from many is neglected.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _TERM_STEP = 1e-6
 
 
 def lens_derivatives(camera: Camera, rays: F8, names: tuple[str, ...]) -> F8:
-    """Derivatives of the positions of directions in the camera frame, shape (n, 3), by parameters of the lens: (n, 2, m).
+    """Derivatives, shape (n, 2, m), of the positions of camera-frame directions, shape (n, 3), by parameters of the lens.
 
-    Without ``fy_px`` among the names both focal lengths are ``f_px``.
+    If ``fy_px`` is not among the names, ``f_px`` stands for both focal lengths.
     """
     columns = []
     for name in names:
@@ -49,18 +49,18 @@ def _changed(camera: Camera, name: str, by: float, own_fy: bool) -> Camera:
 
 
 def turn_by_lens(design: F8, by_lens: F8, precision: F8, held: F8) -> F8:
-    """How the orientation that stars give turns with the parameters of the lens, radians per unit, shape (3, m).
+    """Rotation of the orientation that stars give per unit of each lens parameter, radians per unit, shape (3, m).
 
     Parameters
     ----------
     design : ndarray, shape (n, 2, 3 + k)
-        Derivatives of the predictions by a turn, and by what was fitted of the camera.
+        Derivatives of the predictions by a rotation and by the fitted camera parameters.
     by_lens : ndarray, shape (n, 2, m)
-        By the parameters of the lens.
+        Derivatives by the parameters of the lens.
     precision : ndarray, shape (n,)
         Inverse variances of the stars.
     held : ndarray, shape (3 + k,)
-        Inverse variances that hold parameters.
+        Inverse variances of the priors of the fitted parameters.
     """
     numbers = 2 * len(design)
     weighted = (design * precision[:, None, None]).reshape(numbers, -1)
@@ -69,16 +69,16 @@ def turn_by_lens(design: F8, by_lens: F8, precision: F8, held: F8) -> F8:
 
 
 def lens_covariance(uncertainty: LensUncertainty, turn: F8, attitude_turn: F8 | None) -> F8:
-    """Covariance of the orientation by the errors of the lens, (3, 3), rad^2.
+    """Covariance of the orientation due to errors of the lens, shape (3, 3), rad^2.
 
     Parameters
     ----------
     uncertainty : LensUncertainty
-        Of the calibration.
+        Uncertainty of the calibrated lens.
     turn : ndarray, shape (3, m)
-        Of the orientation by the stars (`turn_by_lens`).
+        Rotation of the orientation that the stars give, per unit of each parameter (`turn_by_lens`).
     attitude_turn : ndarray, shape (3, m), or None
-        Of the attitude that it is compared with; None where that was not calibrated with this lens.
+        The same for the attitude that it is compared with; None if that was not calibrated with this lens.
     """
     apart = turn if attitude_turn is None else turn - attitude_turn
     return np.asarray(apart @ uncertainty.cov @ apart.T)

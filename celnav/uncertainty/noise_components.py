@@ -1,9 +1,9 @@
-"""How the scatter of single stars is made up: a floor, what their centroids claim, and the air, which low stars have more of.
+"""Components of the scatter of single stars: a floor, the stated centroid error, and the air, which grows with the airmass.
 
-The variance along an axis is ``floor + claimed x own^2 + air x X``, with X the airmass: image motion in turbulent air has a
-variance proportional to it (Roddier 1981, Progress in Optics 19, 281; Martin 1987, PASP 99, 1360), and stars that are blurred
-and dimmed by a long way through the air are measured worse besides. The parts are found by maximum likelihood from the
-residuals of the frame itself; where the simpler law explains them as well, it stays.
+The variance along an axis is ``floor + claimed x own^2 + air x X``, with X the airmass. Image motion in turbulent air has a
+variance proportional to the airmass (Roddier 1981, Progress in Optics 19, 281; Martin 1987, PASP 99, 1360), and stars that a
+long path through the air blurs and dims are also measured less well. The components are estimated by maximum likelihood
+from the residuals of the frame itself; where the simpler law explains them as well, it is kept.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from celnav.detecting.star_shape import median
 F8 = NDArray[np.float64]
 
 MOST_AIRMASS = 15.0
-"""Of stars below 3 deg of altitude too: no measurement reaches lower."""
+"""Airmass also for stars below 3 deg of altitude, because no measurement reaches lower."""
 FEWEST_STARS = 30
-# Twice the gain of the logarithm of the likelihood that two more parameters have by chance in one frame of a hundred.
+# Twice the gain in log-likelihood that two additional parameters reach by chance in one frame of a hundred.
 LEAST_GAIN = 9.21
 _ROUNDS = 60
-# Standard deviations of a component's score below which the likelihood's gain does not reach `LEAST_GAIN`.
+# If no component's score reaches this many standard deviations, the gain in log-likelihood does not reach `LEAST_GAIN`.
 _LEAST_SCORE = 2.0
 
 
 def airmass(sine_altitude: F8) -> F8:
-    """Airmass by the sine of the apparent altitude, shape (n,), at most `MOST_AIRMASS`.
+    """Return the airmass for the sine of the apparent altitude, shape (n,), at most `MOST_AIRMASS`.
 
-    Kasten & Young 1989, Applied Optics 28, 4735.
+    Source: Kasten & Young 1989, Applied Optics 28, 4735.
     """
     altitude_deg = np.degrees(np.arcsin(np.clip(sine_altitude, 0.0, 1.0)))
     mass = 1 / (np.clip(sine_altitude, 0.0, 1.0) + 0.50572 * (altitude_deg + 6.07995) ** -1.6364)
@@ -43,24 +43,26 @@ def relative_sigmas(half_square: F8, weight: F8, rows: NDArray[np.intp], own: F8
     Parameters
     ----------
     half_square : ndarray, shape (m,)
-        Half the squared residual of each named star, px^2.
+        Half the squared residual of each identified star, px^2.
     weight : ndarray, shape (m,)
-        Probability that the name is right.
+        Probability that the identification is right.
     rows : ndarray, shape (m,)
-        Their detections.
+        Indices of their detections.
     own : ndarray, shape (n,)
-        Standard deviations that the detections claim, up to a common factor.
+        Stated standard deviations of the detections, up to a common factor.
     mass : ndarray, shape (n,), or None
-        Airmass of the detections; None where no vertical is known.
+        Airmass of the detections; None if no vertical is known.
 
     Returns
     -------
-    Standard deviations, shape (n,), or None where `own` explains the residuals as well.
+    ndarray, shape (n,), or None
+        Standard deviations; None if `own` explains the residuals as well.
 
     Notes
     -----
-    The components are variances, so none is negative: the multiplicative rule of Févotte & Idier 2011, Neural Computation
-    23(9) 2421, for the likelihood of exponential squares, keeps them so and raises the likelihood in every round.
+    The components are variances, so they must not become negative. The multiplicative rule of Févotte & Idier 2011, Neural
+    Computation 23(9) 2421, for the likelihood of exponentially distributed squares, keeps them non-negative and raises the
+    likelihood in every round.
     """
     if float(weight.sum()) < FEWEST_STARS:
         return None
@@ -91,9 +93,9 @@ def relative_sigmas(half_square: F8, weight: F8, rows: NDArray[np.intp], own: F8
 
 
 def _may_gain(excess: F8, weight: F8, ratios: F8) -> bool:
-    """Tell whether any component, as its ratios to the claimed variance, grows where the normalised squares do.
+    """Return whether the normalised squares grow with any component, given by its ratios to the stated variance.
 
-    A squared distance of two normal numbers over its expectation has the variance 1.
+    The squared length of two normally distributed numbers, divided by its expectation, has a variance of 1.
     """
     total = float(weight.sum())
     for ratio in ratios:

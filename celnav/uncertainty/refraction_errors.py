@@ -1,8 +1,9 @@
-"""What the air's own refraction adds: it is not exactly that of the pressure and the temperature given.
+"""Uncertainty of the refraction, which differs from that computed from the supplied pressure and temperature.
 
-Refraction above 15 deg of altitude is the refractivity of the air at the observer times tan z, less a thousandth (Green 1985,
-Spherical Astronomy, section 4.4), and the refractivity goes with the pressure over the absolute temperature: 1 % of it is
-10 hPa or 3 K. A camera beside the zenith sees it as a shift of all stars, which their residuals do not show.
+Above 15 deg of altitude, refraction is the refractivity of the air at the observer times tan z, less a thousandth (Green
+1985, Spherical Astronomy, section 4.4). The refractivity is proportional to the pressure over the absolute temperature, so
+1 % of it corresponds to 10 hPa or 3 K. A camera that points beside the zenith sees an error of it as a shift of all stars,
+which their residuals do not show.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from celnav.sky.refraction import refraction_rad
 F8 = NDArray[np.float64]
 
 RELATIVE_SIGMA = 0.01
-"""Of the refraction: the temperature along the way through the lowest air differs from the observer's by some 3 K."""
+"""Relative standard deviation of the refraction: the temperature along the path through the lowest air differs from the
+observer's by some 3 K."""
 
 
 def refraction_derivatives(camera: Camera, rays: F8, up: F8, pressure_hpa: float, temperature_c: float) -> F8:
-    """Derivatives of unrefracted positions by the refraction's relative error, shape (n, 2, 1).
+    """Derivatives of positions without refraction by the relative error of the refraction, shape (n, 2, 1).
 
     Parameters
     ----------
@@ -29,9 +31,9 @@ def refraction_derivatives(camera: Camera, rays: F8, up: F8, pressure_hpa: float
     rays : ndarray, shape (n, 3)
         Directions without refraction, camera frame.
     up : ndarray, shape (3,)
-        Zenith.
+        Zenith, camera frame.
     pressure_hpa, temperature_c : float
-        Of the air.
+        Pressure and temperature of the air.
     """
     height = rays @ up
     outward = up - height[:, None] * rays

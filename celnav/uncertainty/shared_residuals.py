@@ -1,13 +1,13 @@
-"""Residuals that neighbouring stars share: a lens other than the one given, moving air, an asymmetric point spread.
+"""Residuals shared by neighbouring stars: from a wrong lens, moving air or an asymmetric point spread function.
 
-Stars that are off alike do not average out as independent ones do, and the part of such a field that looks like a turn of
-the camera cannot be seen in the residuals at all. It is taken for a Gaussian process over the frame: the variance of the
-field and the distance over which it is alike are estimated from the residuals by restricted maximum likelihood (Patterson &
-Thompson 1971, Biometrika 58, 545), which counts what the fit has taken out. The adjustment itself stays that of independent
-stars, and its covariance becomes the one that it has under such errors (White 1980, Econometrica 48, 817, with a model in
-place of the products of single residuals): an attitude that was calibrated with the same lens by the same kind of adjustment
-is wrong in the same way, and only the difference counts. Stars are averaged over cells of the frame first, so that the work
-does not grow with their number.
+Errors that neighbours share do not average out as independent ones do, and the part of such a field of errors that looks
+like a rotation of the camera is not visible in the residuals at all. The field is modelled as a Gaussian process over the
+frame. Its variance and correlation length are estimated from the residuals by restricted maximum likelihood (Patterson &
+Thompson 1971, Biometrika 58, 545), which allows for what the fit has absorbed. The adjustment itself remains that of
+independent stars, but its covariance becomes the one that it has under such errors (White 1980, Econometrica 48, 817, with
+a model instead of the products of single residuals). An attitude that was calibrated with the same lens by the same kind
+of adjustment is wrong in the same way, so only the difference counts. Stars are first averaged over cells of the frame, so
+that the work does not grow with their number.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from numpy.typing import NDArray
 F8 = NDArray[np.float64]
 
 CELLS = 8
-"""Along the longer side of the frame."""
+"""Number of cells along the longer side of the frame."""
 LENGTHS = (0.12, 0.35, 1.0)
-"""Distances over which the field is alike, in half diagonals of the frame: standard deviations of a Gaussian correlation."""
+"""Correlation lengths tried, in half diagonals of the frame: standard deviations of a Gaussian correlation function."""
 FEWEST_STARS = 12
 LEAST_SCORE = 2.5
-"""Standard deviations of the score by which neighbours have to agree. Chance does it in one frame of fifteen, for the
-score is the largest of three sums of squares; such a frame's covariance grows by a third."""
+"""Score, in standard deviations, from which neighbours are taken to share errors. Chance reaches it in one frame of fifteen,
+because the score is the largest of three sums of squares; the covariance of such a frame grows by a third."""
 _VARIANCES = np.geomspace(0.05, 5000.0, 21)
 
 
 @dataclass(frozen=True, eq=False)
 class Sway:
-    """How residuals at places of the frame move fitted parameters.
+    """Response of fitted parameters to residuals at places in the frame.
 
     Attributes
     ----------
     uv : ndarray, shape (c, 2)
-        Places, px.
+        The places, px.
     mass : ndarray, shape (c,)
-        Airmass there.
+        Airmass at each place.
     gain : ndarray, shape (k, c, 2)
-        Change of each parameter by a residual of one pixel along each axis.
+        Change of each parameter for a residual of one pixel along each axis.
     """
 
     uv: F8
@@ -52,20 +52,21 @@ class Sway:
 
 @dataclass(frozen=True, eq=False)
 class SharedField:
-    """A field of errors that neighbours share.
+    """A field of errors that neighbouring stars share.
 
     Attributes
     ----------
     rms_px : float
-        Of the field along an axis, at the middle of the frame or, where it grows with the airmass, for airmass 1.
+        Root mean square of the field along an axis, at the centre of the frame or, if it grows with the airmass, for
+        airmass 1.
     length_px : float
-        Standard deviation of its Gaussian correlation.
+        Standard deviation of its Gaussian correlation function.
     with_air : bool
-        Whether it grows with the airmass.
+        Whether the field grows with the airmass.
     score : float
-        Standard deviations by which neighbours agree more than independent ones would.
+        Standard deviations by which neighbours agree more than independent stars would.
     cov : ndarray, shape (k, k)
-        To be added to the covariance of the fitted parameters.
+        Contribution to add to the covariance of the fitted parameters.
     """
 
     rms_px: float
@@ -87,7 +88,7 @@ class _Cells:
 
 
 def _gather(uv: F8, residual: F8, precision: F8, design: F8, mass: F8, size: tuple[int, int]) -> _Cells:
-    """Average over cells of the frame by precision."""
+    """Average over cells of the frame, weighted by precision."""
     column, row = np.floor((uv + 0.5) / (max(size) / CELLS)).astype(np.intp).T
     column -= column.min()
     cell = (row - row.min()) * (int(column.max()) + 1) + column
@@ -96,7 +97,7 @@ def _gather(uv: F8, residual: F8, precision: F8, design: F8, mass: F8, size: tup
     values[0], values[1:3], values[3:5], values[5] = 1.0, uv.T, residual.T, mass
     values[6:] = design.reshape(-1, 2 * k).T
     values *= precision
-    # Sums of all quantities at once: each has its own range of numbers.
+    # One bincount sums all quantities: each quantity has its own range of bin numbers.
     numbers = cell + count * np.arange(len(values))[:, None]
     sums = np.bincount(numbers.ravel(), weights=values.ravel(), minlength=count * len(values)).reshape(-1, count)
     sums = sums[:, sums[0] > 0]
@@ -114,12 +115,12 @@ def shared_field(
     size: tuple[int, int],
     reference: Sway | None = None,
 ) -> SharedField | None:
-    """Look for a field of shared errors.
+    """Test for a field of shared errors and estimate it.
 
     Parameters
     ----------
     uv : ndarray, shape (n, 2)
-        Positions of named stars.
+        Positions of identified stars.
     residual : ndarray, shape (n, 2)
         Measured minus predicted, px.
     precision : ndarray, shape (n,)
@@ -127,19 +128,19 @@ def shared_field(
     design : ndarray, shape (n, 2, k)
         Derivatives of the predictions by the fitted parameters.
     held : ndarray, shape (k,)
-        Inverse variances that hold parameters to what they are.
+        Inverse variances of the priors of the parameters.
     mass : ndarray, shape (n,), or None
-        Airmass; None where no vertical is known.
+        Airmass; None if no vertical is known.
     size : tuple of int
         Width and height of the frame.
     reference : Sway, optional
-        Of an attitude that was fitted with the same lens, and so shares its errors: the covariance is then that of the
-        difference.
+        Response of an attitude that was fitted with the same lens and so shares its errors. The covariance is then that of
+        the difference.
 
     Returns
     -------
     SharedField or None
-        None where neighbours agree no more than chance makes them.
+        The field; None if neighbours agree no better than by chance.
     """
     if len(uv) < FEWEST_STARS:
         return None
@@ -171,10 +172,11 @@ def shared_field(
 
 
 def _score(cells: _Cells, correlations: F8, held: F8) -> float:
-    """Return the largest score of correlations, (l, c, c): the derivative of the restricted likelihood by the variance.
+    """Return the largest score of several correlation matrices, shape (l, c, c).
 
-    In units of its standard deviation without such a field. With P the precisions of both axes, the inverse covariance that
-    the fit leaves is P - V V^T, and with the correlation C of each axis only C P and V^T C V are needed.
+    The score is the derivative of the restricted likelihood by the variance of the field, in units of its standard deviation
+    in the absence of such a field. With P the precisions of both axes, the inverse covariance that the fit leaves is
+    P - V V^T; with C the correlation of each axis, only C P and V^T C V are needed.
     """
     count, _, k = cells.design.shape
     design = np.swapaxes(cells.design, 0, 1).reshape(2 * count, k)
@@ -198,7 +200,7 @@ def _score(cells: _Cells, correlations: F8, held: F8) -> float:
 
 
 def _restricted(cells: _Cells, field: F8, variances: F8, held: F8) -> F8:
-    """Return the restricted log-likelihood of a field of unit covariance, shape (c, c), with each of some variances, (v,)."""
+    """Return the restricted log-likelihood of a field of unit covariance, shape (c, c), at several variances, shape (v,)."""
     count, _, k = cells.design.shape
     root = np.sqrt(cells.precision)
     eigenvalues, vectors = np.linalg.eigh(field * root[:, None] * root)
@@ -215,14 +217,14 @@ def _restricted(cells: _Cells, field: F8, variances: F8, held: F8) -> F8:
 
 
 def sway(uv: F8, mass: F8, design: F8, precision: F8, held: F8) -> Sway:
-    """Return how residuals, shape (c, 2), move parameters that are fitted as if they were independent."""
+    """Return how residuals at `uv`, shape (c, 2), move parameters that are fitted as if the residuals were independent."""
     weighted = design * precision[:, None, None]
     normal = np.einsum("cai,caj->ij", weighted, design) + np.diag(held)
     return Sway(uv, mass, np.asarray(np.einsum("ij,caj->ica", np.linalg.inv(normal), weighted)))
 
 
 def _difference(one: Sway, other: Sway) -> Sway:
-    """Of the difference of two fits, of which the second has the first parameters of the first."""
+    """Return the response of the difference of two fits; the second has the first few parameters of the first."""
     gain = np.zeros((len(one.gain), *other.gain.shape[1:]))
     gain[: len(other.gain)] = -other.gain
     return Sway(
@@ -232,7 +234,7 @@ def _difference(one: Sway, other: Sway) -> Sway:
 
 
 def _of_parameters(sway: Sway, length_px: float, with_air: bool) -> F8:
-    """Covariance that a field of unit variance gives to parameters, shape (k, k)."""
+    """Covariance of the parameters due to a field of unit variance, shape (k, k)."""
     field = np.exp(-0.5 * _squared_distances(sway.uv) / length_px**2)
     if with_air:
         field = field * sway.mass[:, None] * sway.mass
@@ -240,6 +242,6 @@ def _of_parameters(sway: Sway, length_px: float, with_air: bool) -> F8:
 
 
 def _squared_distances(uv: F8) -> F8:
-    """Of all pairs of places, shape (c, c)."""
+    """Squared distances of all pairs of places, shape (c, c)."""
     u, v = uv.T
     return np.asarray(np.subtract.outer(u, u) ** 2 + np.subtract.outer(v, v) ** 2)

@@ -1,14 +1,15 @@
-"""What the turn of a camera during the exposure does to positions, as the streaks tell it: two shifts, of which one is known.
+"""Corrections of positions for a camera that turns during the exposure, derived from the streaks of the stars.
 
-A streak goes from one end to the other as the camera turns, so that all streaks of a frame tell one rotation vector, in
-either sense. The middle between two ends is not where the star stood at mid-exposure: under a lens that
-keeps straight lines it lies farther out, by an eighth of how fast a position's speed changes. That holds in either sense,
-and is taken off.
+Each streak is the path of a star while the camera turns, so all streaks of a frame determine one rotation vector, up to its
+sense. Two shifts follow. First, the midpoint of a streak is not where the star was at mid-exposure: with a lens that keeps
+lines straight it is farther out, by an eighth of the acceleration of the position. That shift does not depend on the
+sense of the rotation, and is subtracted.
 
-A rolling shutter reads one row after the other: a row that is read t later sees the camera turned on by t. With streaks of s
-px in the exposure T, and with t_r from the first row to the last, stars at the edges are off by s t_r / T / 2, which
-shears the image. Neither t_r nor the sense of the turn is known, but the field of these shifts is, up to one number, t_r / T
-with a sign: it is fitted to the stars with a standard deviation of its own (`celnav.SkybenchConfig.readout_sigma`).
+Second, a rolling shutter reads one row after the other, and a row that is read a time t later sees the camera after t more
+of its turn. With streaks of s px in the exposure T, and a time t_r from the first row to the last, stars at the edges are
+off by s t_r / T / 2, which shears the image. Neither t_r nor the sense of the rotation is known, but the field of these
+shifts is, up to one signed number, t_r / T. It is fitted to the stars with a standard deviation of its own
+(`celnav.SkybenchConfig.readout_sigma`).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from celnav.uncertainty.field_errors import NamedStars
 F8 = NDArray[np.float64]
 
 FEWEST_STREAKS = 4
-# Of telling the senses of streaks by the turn, and the turn by them.
+# Rounds that alternately determine the senses of the streaks from the rotation, and the rotation from the streaks.
 _ROUNDS = 3
 
 
@@ -41,9 +42,9 @@ def turn_of_streaks(camera: Camera, rays: F8, streak_px: F8) -> F8 | None:
     camera : Camera
         The camera.
     rays : ndarray, shape (n, 3)
-        Middles of the streaks, camera frame; NaN outside the image circle.
+        Directions of the midpoints of the streaks, camera frame; NaN outside the image circle.
     streak_px : ndarray, shape (n, 2)
-        From one end to the other, in either sense; 0 of what has left no streak.
+        Vector from one end of each streak to the other, in either sense; 0 for a star without a streak.
     """
     length = np.hypot(*streak_px.T)
     rows = np.flatnonzero((length > 0) & np.isfinite(rays[:, 0]))
@@ -52,7 +53,8 @@ def turn_of_streaks(camera: Camera, rays: F8, streak_px: F8) -> F8 | None:
     rays, streak, length = rays[rows], streak_px[rows], length[rows]
     moving = turning_derivatives(rays, camera.project_with_derivatives(rays)[1])
     beside = np.column_stack((-streak[:, 1], streak[:, 0])) / length[:, None]
-    # No streak has an end beside its line: that tells the axis whatever the senses are, and the axis tells them.
+    # A rotation must not move a star across its streak. This condition gives the axis whatever the senses are, and the axis
+    # then gives the senses.
     across = np.einsum("na,nak->nk", beside, moving)
     scale = np.sqrt(np.einsum("nak,nak->k", moving, moving))
     turn = np.linalg.svd(across / scale, full_matrices=False)[2][-1] / scale
@@ -63,9 +65,9 @@ def turn_of_streaks(camera: Camera, rays: F8, streak_px: F8) -> F8 | None:
 
 
 def at_mid_exposure(problem: Problem) -> Problem:
-    """Tell the turn, and put detections from the middle of their streaks to where the stars stood at mid-exposure.
+    """Determine the rotation, and move detections from the midpoints of streaks to the mid-exposure positions of the stars.
 
-    Without streaks the problem is returned as it is.
+    Without streaks the problem is returned unchanged.
     """
     seen = problem.observation
     if seen.streak_px is None or (turn := turn_of_streaks(seen.camera, seen.rays, seen.streak_px)) is None:
@@ -88,24 +90,25 @@ def by_readout(camera: Camera, uv: F8, rays: F8, turn: F8) -> F8:
 def fitted_readout(
     named: NamedStars, shifts: F8, priors: CameraPriors, sigma: float, so_far: float
 ) -> tuple[Estimate, F8]:
-    """Fit the readout time over the exposure to the residuals of an adjustment, along with all that was fitted there.
+    """Fit the readout time over the exposure to the residuals of an adjustment, together with all parameters fitted there.
 
     Parameters
     ----------
     named : NamedStars
-        The stars, with positions from which the part `so_far` of the shifts has been taken off.
+        The stars, with positions from which `so_far` times the shifts have been subtracted.
     shifts : ndarray, shape (n, 2)
         Derivatives of the positions of all detections (`by_readout`).
     priors : CameraPriors
-        What held the camera.
+        Priors of the camera in the adjustment.
     sigma : float
-        Standard deviation of the readout time over the exposure before the stars were seen; its mean is 0.
+        Prior standard deviation of the readout time over the exposure; the prior mean is 0.
     so_far : float
-        What has been taken off.
+        Estimate of the readout time over the exposure that has been subtracted so far.
 
     Returns
     -------
-    The estimate, `so_far` included, and how the fitted parameters answer to its error, shape (3 + k,).
+    Estimate and ndarray, shape (3 + k,)
+        The estimate, including `so_far`, and the response of the fitted parameters to its error.
     """
     design, adjusted = named.fitted_design, named.adjusted
     shift = named.rounded(shifts.take(named.detection, axis=0)[:, :, None])
@@ -114,7 +117,7 @@ def fitted_readout(
     weighted = (design * named.precision[:, None, None]).reshape(2 * len(design), -1)
     normal = weighted.T @ design.reshape(weighted.shape) + np.diag(held)
     mixed = weighted.T @ shift.ravel()
-    # The adjustment has made the residuals free of its own parameters.
+    # The adjustment has already removed its own parameters from the residuals.
     answer = np.asarray(-np.linalg.solve(normal, mixed), dtype=np.float64)
     left = shift.ravel() + design.reshape(weighted.shape) @ answer
     precision = np.repeat(named.precision, 2)
@@ -124,7 +127,7 @@ def fitted_readout(
 
 
 def widened_by(adjusted: Adjusted, readout: Estimate, answer: F8) -> Adjusted:
-    """Add what the readout time leaves uncertain to the covariance of an adjustment."""
+    """Add the uncertainty of the readout time to the covariance of an adjustment."""
     cov = adjusted.cov + readout.sigma**2 * np.outer(answer, answer)
     sigmas = adjusted.camera_sigmas.copy()
     sigmas[np.flatnonzero(sigmas > 0)] = np.sqrt(np.diag(cov)[3:])

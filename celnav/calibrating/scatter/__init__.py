@@ -1,1 +1,1 @@
-"""What the lens leaves of the measured positions: noise, what neighbours share, and what the grid of the pixels does."""
+"""Residuals of the lens fit: noise, a pattern that neighbours share, and the pixel-phase error."""

@@ -1,4 +1,4 @@
-"""How far measured positions scatter: what the centroids' own standard deviations say, times a factor, and a floor."""
+"""Scatter of measured positions: the centroids' own standard deviations times a factor, and a floor."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Noise:
     Attributes
     ----------
     floor_px : float
-        What the shape of the stars, the air and the lens' fine structure leave.
+        Scatter due to the shape of the stars, the air and the fine structure of the lens.
     factor : float
-        On the centroids' standard deviations; above 1 where the pixels' noise is correlated (video).
+        Factor on the centroids' standard deviations; above 1 if the pixel noise is correlated (video).
     blending : float
-        On the pull of fainter neighbours (`star_matching`).
+        Factor on the pull of fainter neighbours (`star_matching`).
     """
 
     floor_px: float
@@ -34,23 +34,23 @@ class Noise:
     blending: float = 0.0
 
     def sigma_px(self, own: F8, pull: F8) -> F8:
-        """Standard deviations, shape (n,), of positions whose own ones and whose neighbours' pull are given."""
+        """Return the standard deviations, shape (n,), of positions from their own ones and the pull of their neighbours."""
         return np.sqrt(self.floor_px**2 + (self.factor * own) ** 2 + (self.blending * pull) ** 2)
 
 
 def measure_noise(square: F8, own: F8, pull: F8) -> Noise:
     """Fit the three components to squared distances.
 
-    Non-negative least squares of half the squared distance on the own variance, weighted by the inverse square of the
-    variance (the likelihood equations of variance components; Searle, Casella & McCulloch 1992, chapter 6), without what lies
-    beyond 4 standard deviations.
+    The fit is non-negative least squares of half the squared distances, weighted by the inverse square of the variance (the
+    likelihood equations of variance components; Searle, Casella & McCulloch 1992, chapter 6). Distances beyond 4 standard
+    deviations are left out.
 
     Parameters
     ----------
     square : ndarray, shape (n,)
         Squared distances between measured and predicted positions, px^2; infinite where there is no prediction.
     own : ndarray, shape (n,)
-        Standard deviations along an axis that the detection claims; 0 where it claims none.
+        Standard deviations along an axis from detection; 0 where it gave none.
     pull : ndarray, shape (n,)
         Pull of neighbours, px.
     """
@@ -67,7 +67,7 @@ def measure_noise(square: F8, own: F8, pull: F8) -> Noise:
         good = square <= CLIP_SIGMAS**2 * variance
         design = np.column_stack((np.ones(len(own)), own**2, pull**2))[good]
         weighted = design / variance[good, None]
-        # Lengths of the columns differ by orders of magnitude.
+        # The lengths of the columns differ by orders of magnitude.
         lengths = np.maximum(np.sqrt((weighted**2).sum(axis=0)), 1e-300)
         parts = nnls(weighted / lengths, square[good] / 2 / variance[good])[0] / lengths
         noise = Noise(max(math.sqrt(parts[0]), _LEAST_FLOOR_PX), math.sqrt(parts[1]), math.sqrt(parts[2]))

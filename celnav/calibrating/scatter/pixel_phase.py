@@ -1,11 +1,11 @@
-"""Pixel-phase error: the grid of the pixels draws the centroids of sharp stars towards the middles of pixels.
+"""Pixel-phase error: the pixel grid draws the centroids of sharp stars towards the centres of pixels.
 
-Sums over pixels undersample a star whose image is narrower than 0.8 pixel (standard deviation): where it lies within its
-pixel changes what they say, by an S-curve with the period of a pixel (Anderson & King 2000, PASP 112, 1360). Pixels and
-stars are alike to both sides, so that the curve is odd, and its first harmonic has nine tenths of it: a sine along each axis.
-Windowed centroids of noise-free Gaussians of 0.8, 0.7 and 0.6 px have amplitudes of -0.007, -0.024 and -0.070 px.
+Pixels undersample a star whose image is narrower than 0.8 pixel (standard deviation), so the centroid depends on its position
+within the pixel, by an S-curve with the period of a pixel (Anderson & King 2000, PASP 112, 1360). Pixels and stars are
+symmetric, so the curve is odd, and its first harmonic makes up nine tenths of it: a sine along each axis. Windowed centroids
+of noise-free Gaussians of 0.8, 0.7 and 0.6 px have amplitudes of -0.007, -0.024 and -0.070 px.
 
-The curve is one of the measured position: noise shifts a star before the pixels draw it.
+The curve is a function of the measured position, since noise shifts a star before the pixel grid draws it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 F8 = NDArray[np.float64]
 
 MOST_CHANCE = 1e-3
-"""Share of calibrations without pixel-phase error in which one is found."""
+"""Fraction of calibrations without pixel-phase error in which one is found."""
 FEWEST_PIXELS = 100
-"""That stars stand on: below, the sums that judge the curve are not normal."""
+"""Least number of pixels with stars; with fewer, the sums that judge the curve are not normally distributed."""
 
-# Mean square of the sine, 1/2 of even phases: positions rounded to pixels, or to halves of them, tell nothing.
+# Least mean square of the sine, which is 1/2 for evenly distributed phases. Positions rounded to pixels or half pixels carry
+# no information.
 _LEAST_SPREAD = 0.1
 
 
@@ -47,16 +48,16 @@ class PixelPhase:
         return any(self.amplitude_px)
 
     def error_px(self, uv: F8) -> F8:
-        """Return how far centroids measured at `uv`, shape (n, 2), are from their stars."""
+        """Return the errors of centroids measured at `uv`, shape (n, 2)."""
         return np.asarray(np.array(self.amplitude_px) * np.sin(2 * np.pi * uv))
 
 
 def measure_pixel_phase(uv: F8, residual: F8, sigma_px: F8) -> PixelPhase:
     """Fit the curve to residuals, unless chance explains it.
 
-    A score test of both amplitudes: weighted sums of residual times sine, over the scatter of such sums of single pixels.
-    Stars that cross one pixel in several frames share what the lens is wrong by there, and count as one (White 1980,
-    Econometrica 48, 817; Liang & Zeger 1986, Biometrika 73, 13). Chi-squared of two degrees of freedom exceeds t with the
+    This is a score test of both amplitudes: weighted sums of residual times sine, over the scatter of such sums of single
+    pixels. Stars that cross the same pixel in several frames share the error of the lens there, so they count as one (White
+    1980, Econometrica 48, 817; Liang & Zeger 1986, Biometrika 73, 13). Chi-squared with two degrees of freedom exceeds t with
     probability exp(-t / 2).
 
     Parameters
@@ -86,6 +87,6 @@ def measure_pixel_phase(uv: F8, residual: F8, sigma_px: F8) -> PixelPhase:
 
 
 def _of_pixels(score: F8, pixel: NDArray[np.intp]) -> F8:
-    """Return the standard deviation of the sum of scores, shape (n, 2), by their sums over each pixel; shape (2,)."""
+    """Return the standard deviation, shape (2,), of the sum of scores, shape (n, 2), from their sums over each pixel."""
     sums = np.column_stack([np.bincount(pixel, weights=column) for column in score.T])
     return np.asarray(np.sqrt((sums**2).sum(axis=0)))

@@ -1,4 +1,4 @@
-"""What a lens' form leaves: residuals that neighbours share, beyond what their noise would."""
+"""Residuals that neighbouring stars share beyond their noise because the form of the lens cannot describe them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from celnav.calibrating.bundle import Observations
 F8 = NDArray[np.float64]
 
 CELLS = 10
-"""Along the longer side of the frame."""
+"""Number of cells along the longer side of the frame."""
 FEWEST = 5
 
 
@@ -24,15 +24,15 @@ class Pattern:
     Attributes
     ----------
     centre_px, mean_px : ndarray, shape (c, 2)
-        Middle of each cell with `FEWEST` stars or more; weighted mean of its residuals.
+        Centre of each cell with `FEWEST` stars or more, and weighted mean of its residuals.
     sigma_px : ndarray, shape (c,)
-        Standard deviation of that mean along an axis, from the stars' noise.
+        Standard deviation of that mean along an axis, from the noise of the stars.
     stars : ndarray, shape (c,)
-        Stars in it.
+        Number of stars in the cell.
     rms_px : float
-        Root mean square of the means along an axis with their noise taken off: what the lens' form leaves.
+        Root mean square of the means along an axis, with their noise subtracted: what the form of the lens cannot describe.
     inflation : float
-        Mean square of the means over their noise, at least 1: the factor on covariances that count neighbours as independent.
+        Mean square of the means over their noise, at least 1: the factor on covariances that treat neighbours as independent.
     """
 
     centre_px: F8
@@ -61,7 +61,7 @@ def residual_pattern(seen: Observations, residual: F8, size: tuple[int, int]) ->
     square = np.asarray((mean[full] ** 2).mean(axis=1), dtype=np.float64)
     excess = float(np.average(square - sigma[full] ** 2, weights=stars[full]))
     ratio = float(np.mean(square / sigma[full] ** 2))
-    # Beyond what as many cells of pure noise reach in one calibration of a hundred.
+    # As many cells of pure noise exceed this limit in one calibration of a hundred.
     limit = 1 + 2.33 * math.sqrt(1 / full.sum())
     centre = np.asarray((cells[full] + 0.5) * side - 0.5, dtype=np.float64)
     return Pattern(
@@ -70,7 +70,7 @@ def residual_pattern(seen: Observations, residual: F8, size: tuple[int, int]) ->
 
 
 def star_cells(seen: Observations, size: tuple[int, int]) -> F8:
-    """Gather where stars stood in cells of a frame of `size`: u, v and the sum of their information, px^-2, shape (c, 3)."""
+    """Return the mean u and v of the stars in each cell of a frame, and the sum of their information, px^-2; shape (c, 3)."""
     side = max(size) / CELLS
     _, cell = np.unique(np.floor((seen.uv + 0.5) / side).astype(np.intp), axis=0, return_inverse=True)
     cell = cell.reshape(-1)

@@ -1,1 +1,1 @@
-"""What all stars of an image have in common, told by the image's correlation with itself before any star is found."""
+"""Common properties of all stars in an image, from its autocorrelation, before any star is found."""

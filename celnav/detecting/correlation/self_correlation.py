@@ -1,4 +1,4 @@
-"""The correlation of an image with itself: what its stars have alike adds up, however faint each of them is."""
+"""Autocorrelation of an image, in which the common shape of its stars adds up, however faint each of them is."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 SHIFTS = 96
-"""Pixels that the image is laid over itself shifted by at most, along rows and columns, to both sides."""
-# Light counts up to so many standard deviations, so that no bright star decides; and in the middle of large images alone.
+"""Largest shift in pixels, along rows and columns, to both sides."""
+# Light is clipped at this many standard deviations, so that no bright star decides; of large images, only the middle is used.
 _MOST_LIGHT, _MIDDLE_PX = 5.0, 1024
-# Glare is so much light in the mean of so many pixels squared; a bright streak 5 px wide has 1.1 there at most.
+# Glare is a mean light above this in a square of this many pixels; a bright streak 5 px wide has at most 1.1 there.
 _GLARE, _GLARE_PX = 1.5, 32
 
 
@@ -24,16 +24,17 @@ def correlations_of_halves(light: F4, noise: NoiseMap, without_glare: bool = Fal
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background, zero where it is not used.
+        Image minus background, zero where it is not used.
     noise : NoiseMap
         Standard deviation of its pixels.
     without_glare : bool
-        Leave out where the light of many pixels together stands above the background, as around the Moon.
+        Leave out areas where many pixels together are above the background, as around the Moon.
 
     Returns
     -------
-    Two arrays, shape (2 SHIFTS + 1, 2 SHIFTS + 1), of shifts along rows (first) and columns; None of an image that is too
-    small, or has no glare to be left out.
+    tuple of two ndarrays, shape (2 SHIFTS + 1, 2 SHIFTS + 1), or None
+        Correlations for shifts along rows (first axis) and columns; None if the image is too small, or has no glare to leave
+        out.
     """
     height, width = light.shape
     top, left = max(0, (height - _MIDDLE_PX) // 2), max(0, (width - _MIDDLE_PX) // 2)
@@ -52,7 +53,7 @@ def correlations_of_halves(light: F4, noise: NoiseMap, without_glare: bool = Fal
 
 
 def _glare(light: F4) -> NDArray[np.bool_]:
-    """Tell pixels in and beside blocks whose mean light, in standard deviations, is more than stars or their streaks make."""
+    """Return the pixels in and next to blocks whose mean light, in standard deviations, exceeds that of stars or streaks."""
     high, wide = (-(-side // _GLARE_PX) for side in light.shape)
     padded = np.zeros((high * _GLARE_PX, wide * _GLARE_PX), dtype=light.dtype)
     padded[: light.shape[0], : light.shape[1]] = light
@@ -65,7 +66,7 @@ def _glare(light: F4) -> NDArray[np.bool_]:
 
 
 def _correlation(light: F4) -> F8:
-    """Correlation of an image with itself, shifts from -SHIFTS to SHIFTS along rows (first) and columns."""
+    """Return the autocorrelation of an image for shifts from -SHIFTS to SHIFTS along rows (first axis) and columns."""
     from scipy import fft
 
     light = light - light.mean()

@@ -1,8 +1,8 @@
-"""The streaks that a camera's motion makes of all stars, found before any star: by the image's correlation with itself.
+"""Direction and length of streaks from camera motion, from the autocorrelation of the image, before any star is found.
 
-Streaks alike add up where the image is laid over itself shifted by less than their length along them. Of a straight line
-of length l that correlation is 1 - t / l at the shift t. So stars that are too faint along their streaks to be found tell
-direction and length together. Uneven skies and clouds correlate as much beside the line as on it, and cancel.
+Equal streaks add up at shifts along them by less than their length. For a straight line of length l, the correlation at the
+shift t is 1 - t / l. Stars that are individually too faint to be found as streaks thus determine direction and length
+together. Uneven skies and clouds correlate as much next to the line as on it, and cancel.
 """
 
 from __future__ import annotations
@@ -15,30 +15,33 @@ from celnav.detecting.star_shape import StarShape
 
 F8 = NDArray[np.float64]
 
-# px. A line that does not fall within the largest shift is a trail, or a fault of the sensor.
+# px. A line whose correlation does not fall off within the largest shift is a trail or a sensor defect.
 _LONGEST, _SHORTEST, _FIRST_SHIFT = 78.0, 8.0, 4
-# px. Lines are compared with those so far beside them.
+# px. Lines are compared with parallel ones at this distance.
 _BESIDE = 6.0
-# A streak's line stands out of the scatter of all other directions so many times; those so near to it do not count, deg.
+# The line of a streak exceeds the scatter of all other directions by this factor; directions this close to it, deg, do not
+# count.
 _CLEAR, _OWN_DEG = 8.0, 25.0
-# It falls as lines do, by the cosine of both, and has such a part of what light correlates at so many pixels.
+# Its correlation falls off like that of a line, measured by the cosine between the two, and is at least this fraction of the
+# correlation of light at this many pixels.
 _STRAIGHT, _PART, _NEAR = 0.97, 0.15, 2.0
-# Nearer beside it, px, it stands out by such a part of that; of smooth clouds, which fall as the square, by a quarter.
+# Compared with lines at this smaller distance, px, it keeps at least this fraction of its excess; smooth clouds, which fall
+# off quadratically, keep a quarter.
 _NEARER, _NARROW = 3.0, 0.5
-# Each half of the image has such a part of it at least: what lies in one is a trail, or stars in a row.
+# Each half of the image has at least this fraction of it; a signal in one half alone is a trail, or stars in a row.
 _SHARED = 0.15
-# The Gaussian that fits a line of length l best has a variance of l^2 / 8 (l^2 / 12 is that of its light).
+# The best-fitting Gaussian of a line of length l has a variance of l^2 / 8 (that of its light is l^2 / 12).
 GAUSSIAN_OF_LINE = 8.0
 _ACROSS_VARIANCE = 1.0
 
 
 def streak_of_image(halves: tuple[F8, F8], size: tuple[int, int]) -> StarShape | None:
-    """Measure the streak that the stars of an image have in common; None where there is none.
+    """Measure the common streak of the stars in an image; None if there is none.
 
     Parameters
     ----------
     halves : tuple of two ndarrays
-        `celnav.detecting.correlation.self_correlation.correlations_of_halves`.
+        Result of `celnav.detecting.correlation.self_correlation.correlations_of_halves`.
     size : tuple of int
         Height and width of the image.
     """
@@ -72,13 +75,13 @@ def streak_of_image(halves: tuple[F8, F8], size: tuple[int, int]) -> StarShape |
 
 
 def _ridge(correlation: F8, along: F8, shifts: F8, apart: float = _BESIDE) -> F8:
-    """Read the correlation on lines, less what is so far beside them; shape (directions, shifts)."""
+    """Read the correlation on lines minus that on parallel lines `apart` from them; shape (directions, shifts)."""
     beside = _lines(correlation, along, shifts, -apart) + _lines(correlation, along, shifts, apart)
     return np.asarray(_lines(correlation, along, shifts, 0.0) - beside / 2)
 
 
 def _lines(correlation: F8, along: F8, shifts: F8, beside: float) -> F8:
-    """Read the correlation on lines through its middle, or so far beside it; shape (directions, shifts)."""
+    """Read the correlation on lines that pass its centre at the distance `beside`; shape (directions, shifts)."""
     from scipy import ndimage
 
     columns = SHIFTS + along[:, :1] * shifts - along[:, 1:] * beside

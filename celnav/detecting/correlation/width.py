@@ -1,9 +1,9 @@
-"""The width of stars that a lens has blurred so far that few stand out by themselves.
+"""The width of stars so blurred by the lens that few stand out individually.
 
-A Gaussian of the standard deviation s correlates with itself as exp(-t^2 / (4 s^2)) at the shift t. All stars of a blurred
-image add up to that, and to next to nothing at shifts beyond their width. Clouds, glare and the ground's texture fall slowly
-and from a cusp, so that most of what they correlate at one pixel is still there where stars have fallen (turbulence falls as
-t^(5/3); Roddier 1981, Progress in Optics 19, 281).
+The autocorrelation of a Gaussian of standard deviation s at the shift t is exp(-t^2 / (4 s^2)). All stars of a blurred image
+add up to that, and to almost nothing at shifts beyond their width. The correlations of clouds, glare and the texture of the
+ground fall slowly from a cusp, so most of their value at one pixel remains where that of stars has vanished (turbulence falls
+as t^(5/3); Roddier 1981, Progress in Optics 19, 281).
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from celnav.detecting.star_shape import StarShape
 
 F8 = NDArray[np.float64]
 
-# px. Shifts that are looked at, and widths that are tried; narrower stars are found with a guess, and measured one by one.
+# px. Range of shifts used and of widths tried; narrower stars are found with an initial guess and measured individually.
 _LARGEST_SHIFT = 20
 _WIDTHS = np.arange(0.6, 5.01, 0.1)
 _LEAST_PX, _MOST_PX = 1.45, 4.95
-# Of what correlates at one pixel such a part falls as stars do, and what that leaves at all shifts is so small a part of it.
+# At least the first fraction of the correlation at one pixel falls off like stars, and the residual over all shifts is below
+# the second fraction of that part.
 _PART, _UNEXPLAINED = 0.8, 0.03
-# Each half of the image has such a part of it.
+# Each half of the image has at least this fraction of it.
 _SHARED = 0.15
 
 
 def width_of_image(halves: tuple[F8, F8], size: tuple[int, int]) -> StarShape | None:
-    """Measure the width that the stars of an image have in common; None where it is small, or something else correlates.
+    """Measure the common width of the stars in an image; None if it is small or if something else causes the correlation.
 
     Parameters
     ----------
     halves : tuple of two ndarrays
-        `celnav.detecting.correlation.self_correlation.correlations_of_halves`.
+        Result of `celnav.detecting.correlation.self_correlation.correlations_of_halves`.
     size : tuple of int
         Height and width of the image.
     """
@@ -54,14 +55,14 @@ def width_of_image(halves: tuple[F8, F8], size: tuple[int, int]) -> StarShape | 
 
 
 def _rings(correlation: F8) -> F8:
-    """Means over the shifts of 1, 2, ... px, shape (_LARGEST_SHIFT - 1,)."""
+    """Return the means over shifts of 1, 2, ... px, shape (_LARGEST_SHIFT - 1,)."""
     chosen, ring, number = _shifts()[1:]
     return np.asarray(np.bincount(ring, correlation[chosen])[1:] / number[1:])
 
 
 @lru_cache(maxsize=1)
 def _shifts() -> tuple[F8, NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
-    """Lengths of the shifts that are looked at, where they are, the rings that they belong to, and the rings' numbers."""
+    """Return the lengths of the shifts used, their places, the rings that they belong to, and the counts of the rings."""
     down, across = np.mgrid[-SHIFTS : SHIFTS + 1, -SHIFTS : SHIFTS + 1]
     shift = np.hypot(down, across)
     chosen = (shift > 0) & (shift < _LARGEST_SHIFT - 0.5)
@@ -71,7 +72,7 @@ def _shifts() -> tuple[F8, NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]
 
 @lru_cache(maxsize=1)
 def _models() -> F8:
-    """Of each width: what stars of it correlate, a constant, and a slow fall; shape (widths, rings, 3)."""
+    """Return for each width the correlation of stars, a constant, and a slow fall; shape (widths, rings, 3)."""
     shift, _, ring, number = _shifts()
     stars = [np.bincount(ring, np.exp(-(shift**2) / (4 * width**2)))[1:] / number[1:] for width in _WIDTHS]
     slow = np.arange(1, len(number)) / _LARGEST_SHIFT

@@ -1,1 +1,1 @@
-"""Streaks that a moving camera makes of all stars."""
+"""Streaks of stars due to a moving camera."""

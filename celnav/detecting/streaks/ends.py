@@ -1,14 +1,14 @@
-"""Where the middles of streaks are, by their ends.
+"""Midpoints of streaks, determined from their ends.
 
-A streak is a line under a Gaussian, as in the trail fitting of Veres et al. (2012, PASP 124, 1197). Along it
-the light is the same everywhere but at its ends, which alone say where it lies: with a pixel's noise n and
-a ridge of height a the middle is known to n / a, whatever the length (the Cramér-Rao bound of a line under a Gaussian),
-where the centroid under a Gaussian of the streak's length, of which the ends are left out, scatters three times as much.
+A streak is a line convolved with a Gaussian, as in the trail fitting of Veres et al. (2012, PASP 124, 1197). Along it the
+light is constant except at the ends, and only these determine its position. With a pixel noise n and a ridge of height a, the
+midpoint is known to n / a, whatever the length (the Cramér-Rao bound of a line convolved with a Gaussian). The centroid under
+a Gaussian of the streak's length leaves out the ends, and scatters three times as much.
 
-A streak's profile is compared with lines at all shifts, and the mean over their likelihoods is its middle: so it is
-uncertain as the streak is faint, up to the whole range where noise hides the ends. Direction and length are those of the
-shape, changed by what the streaks themselves say of the frame's parts (`celnav.detecting.streaks.lean`): read along a line
-that leans by some degrees, a long streak's ends are lost.
+The profile of a streak is compared with lines at all shifts, and the likelihood-weighted mean of the shifts is its midpoint.
+Its uncertainty grows as the streak gets fainter, up to the whole range if noise hides the ends. Direction and length are
+those of the star shape, corrected by the streaks themselves in each part of the frame (`celnav.detecting.streaks.lean`): read
+along a line that is inclined by some degrees, the ends of a long streak are lost.
 """
 
 from __future__ import annotations
@@ -28,31 +28,32 @@ from celnav.detecting.streaks.lean import FINDING, PLACING, lean, smooth
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-# A streak is so many times longer than wide, by the axes' variances; below, the ends are as wide as it is long.
+# Least ratio of the variances along the axes of a streak (below, the ends are as wide as it is long), and least number of
+# streaks.
 _LONG, _FEWEST = 9.0, 4
-# Profiles go so far beyond the shape's ends, and shifts as far from where the streak was found: a part of the length, px.
+# Range of profiles beyond the shape's ends, and of shifts from the found position: a fraction of the length, and pixels.
 _BEYOND, _BEYOND_PX = 0.35, 2.0
 _LENGTHS = np.arange(0.7, 1.451, 0.025)
 # Steps of profiles and of shifts, px.
 _STEP_PX, _SHIFT_PX = 0.5, 0.2
-# A streak counts for the length as one of such a significance, squared and halved, does at most. So many tell it.
+# Largest weight of a single streak in the fit of the length: half its squared significance. Number of streaks used for it.
 _MOST, _TELLING = 200.0, 256
 _LENGTH_FLOOR = 0.02
-# Parts of the lengths from which directions are told, and places across streaks.
+# Fractions of the lengths from which directions, and positions across streaks, are determined.
 _LEANING, _PLACING = (0.35, 0.7), 0.85
-# Streaks that are measured at a time.
+# Number of streaks measured at a time.
 _AT_ONCE = 256
 
 
 class Streaks(NamedTuple):
-    """Streaks that stars have left.
+    """Streaks of stars.
 
     Attributes
     ----------
     ends : ndarray, shape (n, 2)
-        From one end to the other, px, in either sense; 0 of a star without a streak.
+        Vector from one end to the other, px, in either sense; 0 for a star without a streak.
     sigma_across : ndarray, shape (n,)
-        Standard deviation of a star's place across its streak, px.
+        Standard deviation of a star's position across its streak, px.
     """
 
     ends: F8
@@ -65,13 +66,13 @@ class _Profiles(NamedTuple):
     Attributes
     ----------
     at : ndarray, shape (t,)
-        Places along the streaks, over their lengths.
+        Positions along the streaks, over their lengths.
     light : ndarray, shape (n, t)
-        Sum across the streak with the weights of its width.
+        Sum across the streak, weighted by its Gaussian width.
     inside : ndarray, shape (n, t)
-        1 in the image, 0 beyond.
+        1 inside the image, 0 outside.
     scale : ndarray, shape (n,)
-        Noise of a profile's value over that of a pixel, with the pixels that a step stands for.
+        Noise of a profile value over that of a pixel, allowing for the number of pixels per step.
     """
 
     at: F8
@@ -83,24 +84,25 @@ class _Profiles(NamedTuple):
 def by_ends(
     light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_per_unit: float
 ) -> tuple[Measured, Streaks | None]:
-    """Measure anew where stars are that have left streaks, and how long these are; the others, and all where few have, stay.
+    """Measure positions and lengths of streaks from their ends; other stars, and all if streaks are few, stay unchanged.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     noise : NoiseMap
         Standard deviation of its pixels without stars.
     stars : Measured
         Centroids under the stars' own windows.
     covariance : ndarray, shape (n, 3)
-        Of the stars' images: uu, uv, vv, px^2.
+        Covariances of the star images: uu, uv, vv, px^2.
     gain_e_per_unit : float
-        Electrons that make one unit of the image.
+        Electrons per unit of the image.
 
     Returns
     -------
-    The stars, and their streaks; None where few have left any.
+    Measured, Streaks or None
+        The stars, and their streaks; None if there are few streaks.
     """
     large, small = axes(covariance)
     long = np.flatnonzero(large > _LONG * small)
@@ -136,10 +138,11 @@ def by_ends(
         placed.append(_placed(*_fit(profiles, 1.0, edge, shifts, pixel[part]), shifts))
     shift, spread, ridge, significance = np.concatenate(placed, axis=1)
     spread *= length
-    # Across a streak all of its light tells the place: its width over the noise, and over the root of its own electrons.
+    # Across a streak, all of its light determines the position: the error is its width over the signal-to-noise ratio from
+    # sky noise, and over the root of its own electrons.
     electrons = np.sqrt(2 * np.pi) * width * ridge * length * gain_e_per_unit
     across = np.hypot(width * np.sqrt(1 / np.maximum(significance, 1) ** 2 + 1 / electrons), CENTROID_FLOOR_PX)
-    # At the ends half of the ridge's light scatters too.
+    # At the ends, photon noise of half of the ridge's light contributes too.
     spread = np.sqrt(spread**2 + 1 / (2 * ridge * gain_e_per_unit) + _SHIFT_PX**2 / 12)
     moved = found + (shift * length)[:, None] * along
     offset, _, _ = lean(light, moved, along, length, width, pixel, _PLACING, PLACING)
@@ -157,9 +160,9 @@ def by_ends(
 
 
 def _lengths(best: F8) -> tuple[float, F8, F8]:
-    """Factor on the lengths that all streaks have in common, each one's own, and their standard deviations.
+    """Return the factor on the lengths common to all streaks, that of each streak, and their standard deviations.
 
-    `best` are likelihoods of the `_LENGTHS`, shape (lengths, n). No bright streak decides alone.
+    `best` holds likelihoods for the `_LENGTHS`, shape (lengths, n). No single bright streak decides.
     """
     counted = np.minimum(1, _MOST / np.maximum(best.max(axis=0), 1e-30))
     each = np.exp(best - best.max(axis=0))
@@ -170,13 +173,13 @@ def _lengths(best: F8) -> tuple[float, F8, F8]:
 
 
 def _turned(along: F8, slope: F8) -> F8:
-    """Turn directions, shape (n, 2), by slopes against them, shape (n,)."""
+    """Rotate directions, shape (n, 2), by slopes relative to them, shape (n,)."""
     turned = along + slope[:, None] * np.column_stack((-along[:, 1], along[:, 0]))
     return np.asarray(turned / np.hypot(*turned.T)[:, None])
 
 
 def _placed(likelihood: F8, ridge: F8, shifts: F8) -> F8:
-    """Mean of each streak's shifts over their likelihoods, its scatter, ridge and significance at the likeliest; (4, n)."""
+    """Return each streak's likelihood-weighted mean shift, its scatter, and ridge and significance at the peak; (4, n)."""
     weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
     shift = weight @ shifts
@@ -186,7 +189,7 @@ def _placed(likelihood: F8, ridge: F8, shifts: F8) -> F8:
 
 
 def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8, at: F8) -> _Profiles:
-    """Read the light along streaks at places `at`, shape (t,), over their lengths."""
+    """Read the light along streaks at positions `at`, shape (t,), in units of their lengths."""
     from scipy import ndimage
 
     reach = max(2, int(np.ceil(2.5 * width.max())))
@@ -205,14 +208,16 @@ def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8, at: F8) -> _P
 
 
 def _fit(profiles: _Profiles, factor: float, edge: float, shifts: F8, noise: F8) -> tuple[F8, F8]:
-    """Fit lines of a length, in those of the shape, with ends so soft, and a level to each profile at all shifts.
+    """Fit a line and a level to each profile at all shifts.
+
+    The length of the line is `factor` times that of the shape, and `edge` is the softness of its ends.
 
     Returns
     -------
     likelihood : ndarray, shape (n, s)
-        Logarithm, but for a constant: the square of the line's significance, halved.
+        Log-likelihood up to a constant: half the square of the line's significance.
     ridge : ndarray, shape (n, s)
-        Height of the line that fits.
+        Height of the fitted line.
     """
     from scipy.special import erf
 

@@ -1,7 +1,7 @@
-"""How streaks lean and differ in length over the frame: small corrections of a common shape, alike for neighbours.
+"""Small corrections of a common streak shape for direction and length, which vary smoothly over the frame.
 
-A camera that turns draws streaks whose direction and length change over the frame by what the lens does to lines: to the
-second order in the place. A streak's own light tells its direction to the noise of one place across it over its length, far
+If a camera turns, the direction and length of streaks vary over the frame as the lens maps lines, to second order in the
+position. The light of a streak determines its direction to the error of a position across it, divided by its length, far
 better than the moments of a few stars do.
 """
 
@@ -13,36 +13,38 @@ from numpy.typing import NDArray
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-# Standard deviations of a correction's terms at the frame's longer edges: constant, of the first, of the second order.
+# Standard deviations of the terms of a correction at the frame's longer edges: constant, first order, second order.
 _TERMS = (0.15, 0.15, 0.15, 0.15, 0.15, 0.15)
-# Windows across streaks, in their widths: to find a line with, and to place one. Reading ends so many of their widths off.
+# Widths of the windows across streaks, in units of the streak width: to find a line, and to measure its position. Light is
+# read up to `_REACH` window widths from the line.
 FINDING, PLACING = 2.0, 1.0
 _REACH = 2.5
-# What neighbours, noise that is no noise of pixels, and the third order leave; where residuals are larger, they count less.
+# Residual error from neighbours, noise other than pixel noise, and third-order terms; larger residuals get less weight.
 _FLOOR, _ROBUST, _ROUNDS = 0.004, 3.0, 4
-# Streaks that are read at a time.
+# Number of streaks read at a time.
 _AT_ONCE = 256
 
 
 def lean(light: F4, uv: F8, along: F8, length: F8, width: F8, noise: F8, part: float, wide: float) -> tuple[F8, F8, F8]:
-    """Fit lines to the light around the middles of streaks.
+    """Fit lines to the light around the midpoints of streaks.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
-        Image less background.
+        Image minus background.
     uv, along : ndarray, shape (n, 2)
-        Middles and directions as they are thought to be.
+        Approximate midpoints and directions.
     length, width, noise : ndarray, shape (n,)
-        Lengths, standard deviations across, both px, and of a pixel's noise.
+        Lengths and standard deviations across the streaks, px, and standard deviation of a pixel's noise.
     part : float
-        Of the lengths, which counts.
+        Fraction of the lengths to use.
     wide : float
-        The window across streaks: standard deviation of a Gaussian, over theirs.
+        Standard deviation of the Gaussian window across streaks, over that of the streaks.
 
     Returns
     -------
-    Offsets across the streaks, px, at the middles, slopes, and the standard deviations of these, each of shape (n,).
+    tuple of three ndarrays, shape (n,)
+        Offsets across the streaks at the midpoints, px; slopes; and the standard deviations of the slopes.
     """
     from scipy import ndimage
 
@@ -61,7 +63,7 @@ def lean(light: F4, uv: F8, along: F8, length: F8, width: F8, noise: F8, part: f
     window = np.exp(-0.5 * (beside / (wide * width[:, None])) ** 2)
     values = ndimage.map_coordinates(light, [rows, columns], order=1, mode="constant")
     strength = np.einsum("nty,ny->n", values, window) / len(at)
-    # Under the window a line that is off by d has its mean at d over one and the inverse square of the window's width.
+    # Under the window, a line with an offset d has its mean at d / (1 + wide^-2).
     first = np.einsum("nty,ny->nt", values, window * beside) * (1 + wide**-2)
     strength = np.maximum(strength, 1e-30)
     offset = first.mean(axis=1) / strength
@@ -73,7 +75,7 @@ def lean(light: F4, uv: F8, along: F8, length: F8, width: F8, noise: F8, part: f
 
 
 def smooth(uv: F8, size: tuple[int, int], value: F8, sigma: F8, at: F8) -> F8:
-    """Fit a polynomial of the second order, held by `_TERMS`, to values at places, (n, 2); return it at others, (m, 2)."""
+    """Fit a second-order polynomial, with priors `_TERMS`, to values at positions (n, 2); evaluate it at others (m, 2)."""
     columns = _terms(uv, size)
     sigma = np.hypot(sigma, _FLOOR)
     held, weight = np.diag(1 / np.array(_TERMS) ** 2), np.ones_like(sigma)
