@@ -92,8 +92,9 @@ def _with_interval(column: Column, entry: Entry) -> str:
 def tables(rounds: Path) -> dict[str, str]:
     """All tables by their names, from the folder that contains the rounds."""
     earlier = {name: table_of_earlier(boards_of(rounds / name / "results")) for name in EARLIER}
-    latest = rounds / LATEST / "results"
-    return {TABLE: table(boards_of(latest), boards_of(latest, LATER)), **earlier}
+    latest = rounds / LATEST
+    later = boards_of(latest / "later", LATER) if (latest / "later").is_dir() else {}
+    return {TABLE: table(boards_of(latest / "results"), later), **earlier}
 
 
 def main(arguments: Iterable[str] | None = None) -> None:
