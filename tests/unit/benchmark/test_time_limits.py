@@ -128,7 +128,8 @@ def load_program(folder):
 class Database:
     """What cedar-solve is asked for; its own raises IndexError where more than 150 centroids hold a pattern beyond them."""
 
-    database_properties = {"verification_stars_per_fov": 150}  # noqa: RUF012
+    def __init__(self):
+        self.database_properties = {"verification_stars_per_fov": 150}
 
     def solve_from_centroids(self, centroids, size, **settings):
         self.given, self.timeout_ms = np.asarray(centroids), settings["solve_timeout"]
@@ -166,12 +167,10 @@ def test_astrometry_net_ends_with_all_that_it_has_started(tmp_path):
     program = load_program("astrometry-net")
     code = (
         "import pathlib, subprocess, sys, time\n"
-        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
-        "pathlib.Path('child').write_text(str(child.pid)); time.sleep(60)"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
+        "pathlib.Path('child').write_text(str(child.pid)); time.sleep(60); raise SystemExit('ended by itself')"
     )
-    started = time.perf_counter()
     assert program.run_within(5.0, [sys.executable, "-c", code], tmp_path) == ""
-    assert time.perf_counter() - started < 20.0
     child = int(Path(tmp_path / "child").read_text())
     # Who was killed is there until it is reaped, and on a busy machine for some moments before it is a zombie.
     until = time.perf_counter() + 20.0
