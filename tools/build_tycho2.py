@@ -1,4 +1,4 @@
-"""Make generator/data/tycho2/stars.xz and near_brighter.csv: python tools/build_tycho2.py tycho2_2.orig.tar.xz.
+"""Make the generator's stars.xz and near_brighter.csv, and celnav's: python tools/build_tycho2.py tycho2_2.orig.tar.xz.
 
 The archive is the source of Debian's package astrometry-data-tycho2: `apt-get source --download-only tycho2`.
 """
@@ -30,6 +30,7 @@ from generator.places.tycho2 import FAINTEST_V_MAG, TYCHO2_PATH, johnson_from_ty
 
 Floats = NDArray[np.float64]
 
+CELNAV_PATH = Path("celnav/data/tycho2/near_brighter.csv")
 ARCHIVE_SHA256 = "b0d74bd4280e53f7cfc4b37ccb30a1cfbbc30131907dda81c706bbbab5632dfa"
 # Bytes of a line, from 0, of the fields of tyc2.dat and of suppl_1.dat (ReadMe).
 MEAN = {"ra": (15, 27), "dec": (28, 40), "pm_ra": (41, 48), "pm_dec": (49, 56), "bt": (110, 116), "vt": (123, 129),
@@ -144,7 +145,9 @@ def main(archive: Path) -> None:
     stars, hip = read(archive)
     TYCHO2_PATH.parent.mkdir(exist_ok=True)
     formats = ["%d", "%.6f", "%.6f", "%.1f", "%.1f", "%.2f"]
-    np.savetxt(NEAR_BRIGHTER_PATH, near_brighter(stars, hip), formats, ",", header=",".join(COLUMNS), comments="")
+    for path in (NEAR_BRIGHTER_PATH, CELNAV_PATH):
+        path.parent.mkdir(exist_ok=True)
+        np.savetxt(path, near_brighter(stars, hip), formats, ",", header=",".join(COLUMNS), comments="")
     bright = stars.v_mag <= FAINTEST_V_MAG
     stars, hip = chosen(stars, bright), hip[bright]
     rest = chosen(stars, ~known(stars, hip, merge(read_ybsc(), read_hipparcos())))

