@@ -34,8 +34,8 @@ from benchmark.judge.place_information import StarLight, place_information
 
 F8 = NDArray[np.float64]
 
-_NODES = 48
-"""Nodes of the quadrature for a median: exact to 1e-6 for axis ratios up to 1000."""
+_NODE, _WEIGHT = leggauss(48)
+"""Quadrature for a median: exact to 1e-6 for axis ratios up to 1000."""
 
 
 @dataclass(frozen=True)
@@ -210,12 +210,11 @@ def median_error_km(covariance_km2: F8) -> float:
     if not np.isfinite(covariance_km2).all():
         return math.inf
     a, b = np.sqrt(np.linalg.eigvalsh(covariance_km2))
-    nodes, weights = leggauss(_NODES)
-    angle = math.pi / 4.0 * (nodes + 1.0)
+    angle = math.pi / 4.0 * (_NODE + 1.0)
 
     def beyond_half(radius: float) -> float:
         density = norm.pdf(radius / b * np.sin(angle)) * radius / b * np.cos(angle)
         within = erf(radius * np.cos(angle) / (math.sqrt(2.0) * a))
-        return math.pi / 2.0 * float(weights @ (density * within)) - 0.5
+        return math.pi / 2.0 * float(_WEIGHT @ (density * within)) - 0.5
 
     return float(brentq(beyond_half, 0.0, 4.0 * b))

@@ -30,8 +30,8 @@ PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 # A streak shorter than this fraction of the width of the point spread function costs less than 0.1 % of the information.
 _SHORTEST_STREAK = 0.1
 _REACH_SIGMAS = 6.0
-_NODES = 24
-"""Nodes of a streak's quadrature in each of two directions: exact to 2e-5 for streaks up to 60 standard deviations."""
+_NODE, _WEIGHT = leggauss(24)
+"""Quadrature of a streak in each of two directions: exact to 2e-5 for streaks up to 60 standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,16 +117,15 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
         Without the pixel's own width.
     """
     sigma = math.sqrt(sigma_px**2 + PIXEL_VARIANCE_PX2)
-    nodes, weights = leggauss(_NODES)
     half = length_px / 2.0
     split = np.maximum(half - _REACH_SIGMAS * sigma, 0.0)
-    y = 0.5 * _REACH_SIGMAS * sigma * (nodes + 1.0)
-    wy = 0.5 * _REACH_SIGMAS * sigma * weights
+    y = 0.5 * _REACH_SIGMAS * sigma * (_NODE + 1.0)
+    wy = 0.5 * _REACH_SIGMAS * sigma * _WEIGHT
     across = np.exp(-0.5 * (y / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
     found = np.zeros((len(electrons_e), 2))
     for low, high in ((np.zeros_like(half), split), (split, half + _REACH_SIGMAS * sigma)):
-        x = low[:, None] + 0.5 * (high - low)[:, None] * (nodes + 1.0)
-        wx = 0.5 * (high - low)[:, None] * weights
+        x = low[:, None] + 0.5 * (high - low)[:, None] * (_NODE + 1.0)
+        wx = 0.5 * (high - low)[:, None] * _WEIGHT
         ends = [(x + sign * half[:, None]) / sigma for sign in (1.0, -1.0)]
         along = (erf(ends[0] / math.sqrt(2.0)) - erf(ends[1] / math.sqrt(2.0))) / (2.0 * length_px[:, None])
         slope = (np.exp(-0.5 * ends[0] ** 2) - np.exp(-0.5 * ends[1] ** 2)) / (
@@ -149,7 +148,7 @@ def place_information(light: StarLight) -> F8:
     found = np.asarray(still[:, None, None] * np.eye(2))
     if moving.any():
         rows = np.flatnonzero(moving)
-        # The quadrature for one star takes some 4 * _NODES^2 numbers.
+        # The quadrature for one star takes some 4 * 24^2 numbers.
         for part in np.array_split(rows, math.ceil(len(rows) / 200)):
             along, across = streak_information(
                 light.electrons_e[part], light.background_e2[part], light.psf_sigma_px, length[part]
