@@ -241,7 +241,8 @@ PRESETS: dict[str, CameraPreset] = {
     "machine-vision-mono": CameraPreset(
         "Monochrome machine-vision camera of five megapixels with a global shutter and a 12 mm f/2 lens",
         "2448 x 2048 pixels of 3.45 um with figures of the size that EMVA 1288 data sheets of such cameras state (full well "
-        "10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product.",
+        "10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product. Quantum efficiency by the 70 % at 545 nm "
+        "that Basler states for such pixels.",
         camera={
             "width": 2448,
             "height": 2048,
@@ -250,6 +251,7 @@ PRESETS: dict[str, CameraPreset] = {
             "aperture_mm": 6.0,
         },
         sensor={
+            "quantum_efficiency": "cmos-mono-front",
             "full_well_e": 10500.0,
             "read_noise_e": 2.4,
             "gain_e_per_dn": 2.6,
@@ -338,7 +340,8 @@ PRESETS: dict[str, CameraPreset] = {
         "UAV: monochrome global-shutter camera with Sony's Pregius pixels of 3.45 um and an 8 mm f/1.8 lens",
         "Balluff's technical documentation of BVS CA-SF cameras (pixels of 3.45 um of the Sony IMX267; signal to noise of at "
         "most 40.2 dB and a dynamic range of 71 dB by EMVA 1288), hence a full well of 10.5 ke- and 2.4 e- of noise; "
-        "the format, 2448 x 2048, is that of the IMX264.",
+        "the format, 2448 x 2048, is that of the IMX264. Quantum efficiency by the 70 % at 545 nm that Basler states for "
+        "such pixels.",
         camera={
             "model": "brown_conrady",
             "width": 2448,
@@ -351,6 +354,7 @@ PRESETS: dict[str, CameraPreset] = {
             "psf_sigma_px": 0.7,
         },
         sensor={
+            "quantum_efficiency": "cmos-mono-front",
             "full_well_e": 10470.0,
             "read_noise_e": 2.4,
             "gain_e_per_dn": 2.6,
