@@ -80,6 +80,15 @@ def test_front_illuminated_pixels_have_the_published_quantum_efficiency(name: st
     assert points[:, 1].max() < 0.75
 
 
+def test_the_high_quality_camera_reads_out_at_its_drivers_pace() -> None:
+    """imx477.c of raspberrypi/linux: `line_length_pix` 0x5dc0 at `IMX477_PIXEL_RATE` 840 MHz in the mode of 4056 x 3040
+    pixels, which has ten frames a second."""
+    spec = FrameSpec.model_validate(FRAME | {"camera": {"preset": "imx477-6mm"}})
+    assert spec.sensor.rolling_shutter is not None
+    assert spec.sensor.rolling_shutter.line_time_us == pytest.approx(0x5DC0 / 840, abs=0.01)
+    assert 0.08 < spec.sensor.read_out_s(spec.camera.height) < 0.1
+
+
 def test_an_unknown_name_is_refused_with_those_that_exist() -> None:
     run = CliRunner().invoke(app, ["presets", "imx999"])
     assert run.exit_code == 2

@@ -6,8 +6,7 @@ _CMOS = ("sensor.rolling_shutter", "sensor.black_level_dn", "sensor.dark_current
 OWN_VALUES: dict[str, tuple[str, ...]] = {
     "thesis-720p": ("camera.aperture_mm",),
     "imx477-6mm": (
-        "camera.k", "camera.vignetting", "camera.psf",
-        "sensor.rolling_shutter", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
+        "camera.k", "camera.vignetting", "camera.psf", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
     ),
     "imx290-8mm": ("camera.focal_length_mm", "camera.aperture_mm", *_CMOS),
     "imx462-fisheye": ("camera.focal_length_mm", "camera.aperture_mm", *_CMOS),
