@@ -24,9 +24,10 @@ KINDS = {
 _OWN = "skybench's own, generic"
 _CURVE_TITLES = {
     "cmos-mono": "Back-illuminated monochrome CMOS",
-    "cmos-red": "Red Bayer filter on it, infrared cut at 700 nm",
-    "cmos-green": "Green Bayer filter on it, infrared cut at 700 nm",
-    "cmos-blue": "Blue Bayer filter on it, infrared cut at 700 nm",
+    "cmos-mono-front": "Front-illuminated monochrome CMOS with a global shutter, 70 % at 545 nm",
+    "cmos-red": "Red Bayer filter on cmos-mono, infrared cut at 700 nm",
+    "cmos-green": "Green Bayer filter on cmos-mono, infrared cut at 700 nm",
+    "cmos-blue": "Blue Bayer filter on cmos-mono, infrared cut at 700 nm",
 }
 _ATTITUDE_TITLES = {"zenith-north-up": "Boresight at the zenith, north at the image's top, east on its left"}
 _LAMP_TITLES = {

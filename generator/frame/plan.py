@@ -26,6 +26,7 @@ from generator.places.astrometry import (
     observed_places,
     places_of_date,
     stars_within,
+    true_equator_of_date,
 )
 from generator.places.catalogue import StarCatalogue, load_catalogue
 from generator.places.catalogue_scatter import scattered
@@ -267,7 +268,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         air=air,
         horizon_sine=horizon.sine,
         seed=scenario.seed,
-        sun_icrs=sky.sun_icrs,
+        sun=true_equator_of_date(sky.sun_icrs, utc_mid),
         dims=dimming_atmosphere(spec.atmosphere),
     )
     objects = plan_objects(spec.foreground, watch)

@@ -248,3 +248,9 @@ def places_of_date(stars: StarCatalogue, instant: Instant) -> tuple[NDArray[np.f
     x, y, z = stars.icrs.T + years * stars.motion_rad_yr.T
     ra_deg = np.degrees(np.arctan2(y, x))
     return np.where(ra_deg < 0, ra_deg + 360, ra_deg), np.degrees(np.arctan2(z, np.sqrt(x * x + y * y)))
+
+
+def true_equator_of_date(icrs: NDArray[np.float64], instant: Instant) -> NDArray[np.float64]:
+    """Rotate an ICRS vector (3,) to the true equator and equinox of date (IAU 2006/2000A)."""
+    tai1, tai2 = erfa.utctai(instant.utc1, instant.utc2)
+    return np.asarray(erfa.pnm06a(*erfa.taitt(tai1, tai2)) @ icrs)

@@ -6,6 +6,7 @@ from sgp4.api import WGS72, Satrec
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.flying.planning import plan_objects
 from generator.frame.plan import plan_frame
 from generator.places.satellite_shells import EQUATORIAL_KM, Shell, sunlit
 
@@ -61,6 +62,31 @@ def test_a_shell_has_its_planes_and_its_shadow() -> None:
     assert 1 - sunlit(around, sun).mean() == pytest.approx(
         np.arcsin(EQUATORIAL_KM / (EQUATORIAL_KM + 550)) / np.pi, abs=1e-3
     )
+
+
+@pytest.mark.parametrize(
+    ("utc", "dark_longitude_deg", "ra_deg", "dec_deg"),
+    [
+        ("2026-03-20T14:46:00Z", 138.0, 0.0, 0.0),
+        ("2026-06-21T08:25:00Z", -126.0, 90.0, 23.436),
+        ("2026-09-23T00:05:00Z", -1.0, 180.0, 0.0),
+    ],
+)
+def test_the_shadow_lies_opposite_the_sun_of_date(monkeypatch, utc, dark_longitude_deg, ra_deg, dec_deg) -> None:
+    """Equinoxes and solstice of 2026 (U.S. Naval Observatory, Earth's Seasons), at which the Sun of date has these places by
+    definition. 23.436 deg is the mean obliquity of 2026; nutation and aberration are below 0.01 deg."""
+    seen = []
+
+    def watched(spec, watch):
+        seen.append(watch)
+        return plan_objects(spec, watch)
+
+    monkeypatch.setattr("generator.frame.plan.plan_objects", watched)
+    place = {"site__latitude_deg": 0.0, "site__longitude_deg": dark_longitude_deg}
+    plan_frame(small_scenario(foreground={"shells": [{}]}, time__utc_start=utc, **place), 0)
+    ra, dec = np.radians([ra_deg, dec_deg])
+    published = np.array([np.cos(ra) * np.cos(dec), np.sin(ra) * np.cos(dec), np.sin(dec)])
+    assert np.degrees(np.arccos(min(seen[0].sun @ published, 1.0))) < 0.02
 
 
 def test_satellites_of_a_shell_are_seen_in_the_evening_and_not_at_midnight() -> None:

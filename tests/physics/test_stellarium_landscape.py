@@ -16,6 +16,7 @@ from small_scenes import BASE, FISHEYE_CAMERA
 from generator.errors import ScenarioError
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
+from generator.ground.stellarium.landscape import read_landscape
 from generator.scenario.file import parse_scenario
 
 
@@ -183,6 +184,27 @@ def test_polygonal_fills_below_great_circles_between_its_points(tmp_path) -> Non
         np.testing.assert_allclose(cover_of(tmp_path), cover, atol=0.05)
 
 
+def test_comments_and_indentation_do_not_change_a_landscape(tmp_path) -> None:
+    """Stellarium's `readStelIniFile` deletes `[#;].*$` from each line, then white space around it, and joins no lines."""
+    files = {"a.png": png(dotted(40, 200, 100, 20, 5)), "g.png": png(np.full((16, 16, 4), 90, np.uint8))}
+    lines = (
+        "name = x", "description = A place", "type = old_style", "nbsidetex = 1", "tex0 = a.png", "nbside = 1",
+        "side0 = tex0:0:0:1:1", "groundtex = g.png", "decor_alt_angle = 40", "decor_angle_shift = -8", "tan_mode = true",
+        "ground_angle_shift = -8", "calibrated = true",
+    )  # fmt: skip
+    pack(tmp_path, "\n".join(["[landscape]", *lines]), files, name="plain.zip")
+    for name, line in (("hash.zip", "{} # note"), ("semicolon.zip", "{}; a = b"), ("indented.zip", "\t{}  ")):
+        written = [line.format(text) if number % 2 else text for number, text in enumerate(lines)]
+        pack(tmp_path, "\r\n".join(["; A header", "[landscape]", *written]), files, name=name)
+    plain = read_landscape(tmp_path / "plain.zip", "plain.zip")
+    assert plain.alpha.any()
+    for name in ("hash.zip", "semicolon.zip", "indented.zip"):
+        other = read_landscape(tmp_path / name, name)
+        assert (other.top_deg, other.bottom_deg) == (plain.top_deg, plain.bottom_deg)
+        np.testing.assert_array_equal(other.alpha, plain.alpha)
+        np.testing.assert_array_equal(other.colour, plain.colour)
+
+
 def test_light_of_a_package_shines(tmp_path) -> None:
     """maptex_illum between its own altitudes, through its alpha, on the picture's place."""
     opaque = np.full((400, 800, 4), 255, np.uint8)
@@ -236,7 +258,7 @@ def hostile(folder) -> dict[str, list[str]]:
         "lacks.zip": ["maptex = other.png", "no such file in the package; add it"],
         "nokey.zip": ["maptex is missing; add it"],
         "cubic.zip": ["type = cubic: expected one of spherical, old_style, fisheye, polygonal"],
-        "nosection.zip": ["landscape.ini cannot be read"],
+        "nosection.zip": ["has no section [landscape]"],
         "other.zip": ["has no section [landscape]"],
         "nan.zip": ["maptex_top: found 'nan', expected a number from -90 to 90"],
         "longini.zip": ["landscape.ini' has more than 65536 bytes"],

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from small_scenes import BASE
 from typer.testing import CliRunner
@@ -67,6 +68,25 @@ def test_values_without_a_source_are_labelled() -> None:
         assert len(set(keys)) == len(keys)
     sources = {named.name: named.source for named in presets.all_named()}
     assert "skybench's own, of the usual size: camera.k, " in sources["pixel-8-main"]
+
+
+@pytest.mark.parametrize("name", ["uav-pregius-8mm", "machine-vision-mono"])
+def test_front_illuminated_pixels_have_the_published_quantum_efficiency(name: str) -> None:
+    """Basler states 70 % at 545 nm for its acA4112-30u, whose pixels of 3.45 um are those of the presets (docs.baslerweb.com,
+    "About EMVA1288 Reports for Color Sensors")."""
+    spec = FrameSpec.model_validate(FRAME | {"camera": {"preset": name}})
+    points = np.array(spec.sensor.quantum_efficiency)
+    assert np.interp(545, *points.T) == pytest.approx(0.70, abs=0.01)
+    assert points[:, 1].max() < 0.75
+
+
+def test_the_high_quality_camera_reads_out_at_its_drivers_pace() -> None:
+    """imx477.c of raspberrypi/linux: `line_length_pix` 0x5dc0 at `IMX477_PIXEL_RATE` 840 MHz in the mode of 4056 x 3040
+    pixels, which has ten frames a second."""
+    spec = FrameSpec.model_validate(FRAME | {"camera": {"preset": "imx477-6mm"}})
+    assert spec.sensor.rolling_shutter is not None
+    assert spec.sensor.rolling_shutter.line_time_us == pytest.approx(0x5DC0 / 840, abs=0.01)
+    assert 0.08 < spec.sensor.read_out_s(spec.camera.height) < 0.1
 
 
 def test_an_unknown_name_is_refused_with_those_that_exist() -> None:

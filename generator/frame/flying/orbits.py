@@ -51,7 +51,8 @@ class Watch:
         Sine of the horizon's apparent altitude.
     seed : int
         Seed of the scenario.
-    sun_icrs : (3,) array
+    sun : (3,) array
+        Unit vector to the Sun in the true-equator frame of date, in which satellites move.
     dims : Atmosphere or None
         Air that dims the light of shells.
     """
@@ -63,7 +64,7 @@ class Watch:
     air: Air
     horizon_sine: float
     seed: int
-    sun_icrs: Floats
+    sun: Floats
     dims: Atmosphere | None
 
 
@@ -118,7 +119,7 @@ def shell_objects(spec: ShellSpec, number: int, first: int, watch: Watch) -> Fly
         position_km = shell.positions_km(epoch_s + time_s, rows)
         away = _from_site(position_km, time_s / SECONDS_PER_DAY, watch)
         apparent = _refracted(away.reshape(-1, 3), watch).reshape(away.shape)
-        bright = sunlit(position_km, watch.sun_icrs) & (apparent[..., 2] > watch.horizon_sine)
+        bright = sunlit(position_km, watch.sun) & (apparent[..., 2] > watch.horizon_sine)
         return apparent, np.linalg.norm(away, axis=-1), bright
 
     time_s = np.linspace(0, watch.shutter_s, KEYFRAMES)

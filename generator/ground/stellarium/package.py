@@ -6,10 +6,10 @@ a limit, whatever its header states.
 
 from __future__ import annotations
 
-import configparser
 import lzma
 import math
 import posixpath
+import re
 import zipfile
 import zlib
 from pathlib import Path
@@ -21,6 +21,8 @@ LARGEST_INI_BYTES = 65_536
 LARGEST_LIST_BYTES = 2_000_000
 LARGEST_MEMBER_BYTES = 200_000_000
 LONGEST_VALUE = 1000
+_SECTION = re.compile(r"\[(.+)\]")
+_ENTRY = re.compile(r"([^=]+)=(.+)")
 
 
 class PackageError(ValueError):
@@ -67,21 +69,9 @@ class Package:
             text = data.decode("latin-1")
         if "\x00" in text:
             raise PackageError(f"'{self.name}': {INI} is not a text in UTF-8 or Latin-1; save it as UTF-8")
-        parser = configparser.RawConfigParser(
-            strict=False,
-            delimiters=("=",),
-            comment_prefixes=("#", ";"),
-            inline_comment_prefixes=(";",),
-            allow_no_value=True,
-        )
-        try:
-            parser.read_string(text)
-        except configparser.Error as error:
-            raise PackageError(f"'{self.name}': {INI} cannot be read ({str(error).splitlines()[0][:200]})") from error
-        sections = [section for section in parser.sections() if section.lower() == "landscape"]
-        if not sections:
+        values = landscape_section(text)
+        if values is None:
             raise PackageError(f"'{self.name}': {INI} has no section [landscape]")
-        values = {key: (value or "").strip().strip('"').strip() for key, value in parser.items(sections[0])}
         for key, value in values.items():
             if len(value) > LONGEST_VALUE and key not in ("description", "author"):
                 raise PackageError(f"'{self.name}': {INI}: {key} has {len(value)} characters, at most {LONGEST_VALUE}")
@@ -165,3 +155,20 @@ class Package:
             raise PackageError(f"'{self.name}': {INI}: {key}: found {self.text(key)!r}, expected three numbers")
         red, green, blue = (self.parsed(key, part, -1, 1) for part in parts)
         return default if min(red, green, blue) < 0 else (red, green, blue)
+
+
+def landscape_section(text: str) -> dict[str, str] | None:
+    """Values of the section [landscape] of a landscape.ini, keys in lower case; None if there is no such section.
+
+    As in Stellarium (`StelIniParser.cpp`, `readStelIniFile`), every line stands for itself whatever its indentation, # and ;
+    start a comment anywhere in a line, and of a repeated key the last value counts.
+    """
+    values, section, found = {}, "", False
+    for line in re.split(r"[\r\n]+", text):
+        line = re.split("[#;]", line, maxsplit=1)[0].strip()
+        if head := _SECTION.fullmatch(line):
+            section = head[1].strip().lower()
+            found = found or section == "landscape"
+        elif section == "landscape" and (entry := _ENTRY.fullmatch(line)):
+            values[entry[1].strip().lower()] = entry[2].strip().strip('"').strip()
+    return values if found else None

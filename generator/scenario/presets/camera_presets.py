@@ -46,7 +46,8 @@ PRESETS: dict[str, CameraPreset] = {
         "Raspberry Pi High Quality Camera (Sony IMX477, colour) with its 6 mm lens at f/2.8",
         "Raspberry Pi High Quality Camera product brief (4056 x 3040, 1.55 um), and its official 6 mm f/1.2 CS-mount lens, "
         "stopped down to f/2.8; full well 8180 e-, read noise 3.0 e- at gain 1 and 0.47 DN/e- as measured by "
-        "strollswithmydog.com for this camera.",
+        "strollswithmydog.com for this camera; line time by the camera's Linux driver (imx477.c in raspberrypi/linux: 24,000 "
+        "periods of 840 MHz a line in the mode of all pixels, 10 frames/s).",
         camera={
             "model": "brown_conrady",
             "width": 4056,
@@ -63,7 +64,7 @@ PRESETS: dict[str, CameraPreset] = {
         },
         sensor={
             "colour": {"pattern": "BGGR"},
-            "rolling_shutter": {"line_time_us": 18.0},
+            "rolling_shutter": {"line_time_us": 28.57},
             "full_well_e": 8180.0,
             "read_noise_e": 3.0,
             "gain_e_per_dn": 2.13,
@@ -241,7 +242,8 @@ PRESETS: dict[str, CameraPreset] = {
     "machine-vision-mono": CameraPreset(
         "Monochrome machine-vision camera of five megapixels with a global shutter and a 12 mm f/2 lens",
         "2448 x 2048 pixels of 3.45 um with figures of the size that EMVA 1288 data sheets of such cameras state (full well "
-        "10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product.",
+        "10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product. Quantum efficiency by the 70 % at 545 nm "
+        "that Basler states for such pixels.",
         camera={
             "width": 2448,
             "height": 2048,
@@ -250,6 +252,7 @@ PRESETS: dict[str, CameraPreset] = {
             "aperture_mm": 6.0,
         },
         sensor={
+            "quantum_efficiency": "cmos-mono-front",
             "full_well_e": 10500.0,
             "read_noise_e": 2.4,
             "gain_e_per_dn": 2.6,
@@ -338,7 +341,8 @@ PRESETS: dict[str, CameraPreset] = {
         "UAV: monochrome global-shutter camera with Sony's Pregius pixels of 3.45 um and an 8 mm f/1.8 lens",
         "Balluff's technical documentation of BVS CA-SF cameras (pixels of 3.45 um of the Sony IMX267; signal to noise of at "
         "most 40.2 dB and a dynamic range of 71 dB by EMVA 1288), hence a full well of 10.5 ke- and 2.4 e- of noise; "
-        "the format, 2448 x 2048, is that of the IMX264.",
+        "the format, 2448 x 2048, is that of the IMX264. Quantum efficiency by the 70 % at 545 nm that Basler states for "
+        "such pixels.",
         camera={
             "model": "brown_conrady",
             "width": 2448,
@@ -351,6 +355,7 @@ PRESETS: dict[str, CameraPreset] = {
             "psf_sigma_px": 0.7,
         },
         sensor={
+            "quantum_efficiency": "cmos-mono-front",
             "full_well_e": 10470.0,
             "read_noise_e": 2.4,
             "gain_e_per_dn": 2.6,

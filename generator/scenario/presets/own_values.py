@@ -6,8 +6,7 @@ _CMOS = ("sensor.rolling_shutter", "sensor.black_level_dn", "sensor.dark_current
 OWN_VALUES: dict[str, tuple[str, ...]] = {
     "thesis-720p": ("camera.aperture_mm",),
     "imx477-6mm": (
-        "camera.k", "camera.vignetting", "camera.psf",
-        "sensor.rolling_shutter", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
+        "camera.k", "camera.vignetting", "camera.psf", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
     ),
     "imx290-8mm": ("camera.focal_length_mm", "camera.aperture_mm", *_CMOS),
     "imx462-fisheye": ("camera.focal_length_mm", "camera.aperture_mm", *_CMOS),
@@ -16,7 +15,8 @@ OWN_VALUES: dict[str, tuple[str, ...]] = {
     ),
     "gmn-imx291": ("camera.pupil", "sensor.bits", "sensor.dark_current_e_s"),
     "machine-vision-mono": (
-        "camera.focal_length_mm", "camera.aperture_mm", "sensor.black_level_dn", "sensor.dark_current_e_s",
+        "camera.focal_length_mm", "camera.aperture_mm", "sensor.quantum_efficiency", "sensor.black_level_dn",
+        "sensor.dark_current_e_s",
     ),
     "pixel-8-main": (
         "camera.k", "camera.vignetting", "camera.psf", "sensor.rolling_shutter", "sensor.full_well_e", "sensor.read_noise_e",
@@ -29,7 +29,7 @@ OWN_VALUES: dict[str, tuple[str, ...]] = {
     ),
     "uav-pregius-8mm": (
         "camera.focal_length_mm", "camera.aperture_mm", "camera.k", "camera.vignetting", "camera.psf_sigma_px",
-        "sensor.black_level_dn", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
+        "sensor.quantum_efficiency", "sensor.black_level_dn", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
     ),
 }  # fmt: skip
 """Keys by preset. skybench's defaults, which a preset does not set, are also skybench's own."""
