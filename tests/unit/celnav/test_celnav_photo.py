@@ -53,6 +53,9 @@ def test_tags_of_a_photograph(tmp_path, suffix) -> None:
         ({0x0112: 99}, {0x9003: "2023:02:30 22:00:00", 0x829A: IFDRational(1, 0), 0x920A: IFDRational(0, 1)}, {}),
         ({}, {0x9003: "yesterday", 0x9011: "+99:00", 0xA405: "wide"}, {29: "2023:10:14", 7: (25, 0, 0)}),
         ({}, {0x9003: b"\xff\xfe", 0x9011: "CET"}, {29: "2023:10:14", 7: (IFDRational(1, 0), 0, 0)}),
+        # A clock whose battery is dead, an hour of 75 minutes, a second of three years, a receiver that never had a fix.
+        ({}, {0x9003: "0001:01:01 00:00:00", 0x9011: "+02:75"}, {29: "0001:01:01", 7: (0, 0, 0)}),
+        ({}, {0x9003: "9999:12:31 23:59:59", 0x829A: IFDRational(100_000_000, 1)}, {}),
     ],
 )
 def test_faulty_tags_count_as_absent(tmp_path, base, photo, gps) -> None:
@@ -113,6 +116,8 @@ def test_what_a_tagged_time_marks_says_nothing_of_a_told_one() -> None:
         ({}, None, "", "not known"),
         ({"gps_utc": datetime(2023, 10, 14, 16, 7, tzinfo=UTC)}, None, None, "give --time-zone"),
         ({"gps_utc": datetime(2023, 10, 10, 16, 0, tzinfo=UTC)}, None, None, "give --time-zone"),
+        # A fix a quarter of an hour old: nobody's zone is 2 h 15 min ahead of UTC.
+        ({"gps_utc": datetime(2023, 10, 14, 19, 45, tzinfo=UTC)}, None, None, "give --time-zone"),
         ({"taken": datetime(2023, 10, 29, 2, 30)}, None, "Europe/Berlin", r"\+02:00 or \+01:00"),
         ({"taken": datetime(2023, 3, 26, 2, 30)}, None, "Europe/Berlin", r"\+01:00 or \+02:00"),
     ],
