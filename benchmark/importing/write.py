@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,8 @@ from generator.stored_files import stored_file
 
 IMPORT_FORMAT = 2
 """Increases with every change of what an import produces from the same files."""
+_FRAME = re.compile(r"frame-\d{5,8}\.(png|json)")
+"""Names of a frame's files as an import writes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +109,9 @@ def import_photographs(
     PhotographError
         A photograph or the folder cannot be used.
     """
+    for path in given.photographs:
+        if path.resolve().parent == out.resolve():
+            raise PhotographError(f"{out}: holds the photographs themselves ({path.name}, …); choose another folder")
     hashes = [file_sha256(path) for path in given.photographs]
     identity = _identity(given, hashes)
     if _there(out, identity, overwrite):
@@ -151,8 +157,9 @@ def _import_one(
         "scenario": {"name": given.name, "sha256": identity, "seed": 0},
     }
     record["photograph"] |= {"file": path.name, "sha256": digest}
-    write_bytes(out / f"{name}.png", encode(photograph.pixels, "png"))
+    # The record comes first, so that a picture without one is never an import's.
     write_bytes(out / f"{name}.json", record_bytes(record))
+    write_bytes(out / f"{name}.png", encode(photograph.pixels, "png"))
     made = Imported(
         name, path.name, photograph.utc_mid, pointing.stars, rows.num_rows, pointing.rms_px, pointing.turned_deg
     )
@@ -273,11 +280,12 @@ def _there(out: Path, identity: str, overwrite: bool) -> bool:
     try:
         out.mkdir(parents=True, exist_ok=True)
         found = sorted(out.iterdir())
-        own = [path for path in found if path.name in (STARS_FILE, FRAMES_MANIFEST) or path.name.startswith("frame-")]
+        dataset = (out / FRAMES_MANIFEST).exists()
+        own = [path for path in found if (_is_of_dataset(path) if dataset else _is_of_import(path))]
         strangers = [path.name for path in found if path not in own]
         if strangers:
             raise PhotographError(f"{out}: holds other files ({strangers[0]}, …); choose an empty folder")
-        if own and not (overwrite or same or not (out / FRAMES_MANIFEST).exists()):
+        if dataset and not (overwrite or same):
             raise PhotographError(
                 f"{out}: holds another dataset; choose another folder, or replace it with --overwrite"
             )
@@ -286,3 +294,20 @@ def _there(out: Path, identity: str, overwrite: bool) -> bool:
     except OSError as error:
         raise PhotographError(f"{out}: cannot be written ({error.strerror}); choose another folder") from error
     return False
+
+
+def _is_of_dataset(path: Path) -> bool:
+    """Whether a file in a folder with a manifest belongs to the dataset, by its name."""
+    return path.name in (STARS_FILE, FRAMES_MANIFEST) or path.name.startswith("frame-")
+
+
+def _is_of_import(path: Path) -> bool:
+    """Whether a file in a folder without a manifest is left from an import that was interrupted, by the records."""
+    if path.name == STARS_FILE:
+        return _is_of_import(path.with_name(f"{frame_id(0)}.json"))
+    if _FRAME.fullmatch(path.name) is None:
+        return False
+    try:
+        return "photograph" in json.loads(path.with_suffix(".json").read_bytes())
+    except (OSError, ValueError, TypeError, RecursionError):
+        return False

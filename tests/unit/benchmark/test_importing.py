@@ -144,6 +144,29 @@ def test_a_dataset_that_is_there_is_left_and_another_is_not_replaced_unasked(dat
         import_photographs(given, tmp_path)
 
 
+def test_files_of_others_are_never_deleted(dataset: Path, tmp_path: Path) -> None:
+    """Frames of a film are often named as those of a dataset are."""
+    mine = write_fits(tmp_path / "frame-0001.fits")
+    with pytest.raises(PhotographError, match="the photographs themselves"):
+        import_photographs(Import("night", [mine], PLACE, TOLD), tmp_path)
+    assert mine.exists()
+    given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
+    for name in ("frame-0001.fits", "frame-00001.png", "frame-00000.json", "stars.parquet"):
+        folder = tmp_path / f"of-{name}"
+        folder.mkdir()
+        (folder / name).write_text("{}")
+        with pytest.raises(PhotographError, match="other files"):
+            import_photographs(given, folder, overwrite=True)
+        assert (folder / name).read_text() == "{}"
+
+
+def test_an_interrupted_import_is_made_again(dataset: Path, tmp_path: Path) -> None:
+    given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
+    import_photographs(given, tmp_path)
+    (tmp_path / "frames-manifest.json").unlink()
+    assert len(import_photographs(dataclasses.replace(given, name="other"), tmp_path)) == 1
+
+
 def test_a_damaged_dataset_is_made_again(dataset: Path, tmp_path: Path) -> None:
     given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
     import_photographs(given, tmp_path)
