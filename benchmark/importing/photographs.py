@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
@@ -28,7 +28,7 @@ from generator.places.times import Instant
 from generator.reading.record import LARGEST_SIDE_PX
 
 PLAIN_SUFFIXES = (".fits", ".fit", ".fts", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".heic", ".heif")
-PACKED_SUFFIXES = (".bz2", ".gz")
+PACKED_SUFFIXES = (".bz2", ".gz", ".fz")
 MOST_PHOTOGRAPHS = 20_000
 LARGEST_FILE_BYTES = 500_000_000
 LARGEST_TABLE_BYTES = 10_000_000
@@ -72,7 +72,7 @@ def read_times(path: Path) -> dict[str, tuple[str, float]]:
     try:
         if path.stat().st_size > LARGEST_TABLE_BYTES:
             raise PhotographError(f"{path}: larger than {LARGEST_TABLE_BYTES} bytes")
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise PhotographError(f"{path}: cannot be read ({error})") from error
     found = {}
@@ -82,12 +82,32 @@ def read_times(path: Path) -> dict[str, tuple[str, float]]:
             Instant.parse(row["utc_mid"])
             if not 0 < exposure_s <= LONGEST_EXPOSURE_S:
                 raise ValueError(f"exposure_s {exposure_s:g} is not within a day")
+            if row["file"] in found:
+                raise ValueError(f"{row['file']} is listed twice")
             found[row["file"]] = (row["utc_mid"], exposure_s)
         except (KeyError, TypeError, ValueError) as error:
             raise PhotographError(
                 f"{path}, line {line}: {error}; expected the columns file, utc_mid, exposure_s"
             ) from error
     return found
+
+
+def check_names(table: Mapping[str, tuple[str, float]], files: Sequence[Path], where: Path) -> None:
+    """Refuse a table of times for other photographs: one that names none of the files, or one in other letters.
+
+    Raises
+    ------
+    PhotographError
+        The message names the table, `where`, and a name in it.
+    """
+    names = {path.name for path in files}
+    by_letters = {name.casefold(): name for name in names}
+    for name in table:
+        if name not in names and (meant := by_letters.get(name.casefold())) is not None:
+            raise PhotographError(f"{where}: names {name}, but the photograph is {meant}; write it so")
+    if files and not names & table.keys():
+        listed = next(iter(table), "nothing")
+        raise PhotographError(f"{where}: names none of the photographs, such as {files[0].name}, but {listed}; mend it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +154,7 @@ def photographs_in(folder: Path) -> list[Path]:
     found = sorted(path for path in folder.iterdir() if path.is_file() and _is_photograph(path))
     if not found:
         known = " ".join((*PLAIN_SUFFIXES, "and raw files"))
-        raise PhotographError(f"{folder}: no photograph in it ({known}; FITS also packed, .bz2 or .gz)")
+        raise PhotographError(f"{folder}: no photograph in it ({known}; FITS also packed, .bz2, .gz or .fz)")
     if len(found) > MOST_PHOTOGRAPHS:
         raise PhotographError(f"{folder}: {len(found)} photographs; at most {MOST_PHOTOGRAPHS} make one dataset")
     return found
@@ -255,7 +275,9 @@ def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]
 
 def _is_photograph(path: Path) -> bool:
     name = path.name.lower()
+    if name.startswith("."):
+        return False
     for packed in PACKED_SUFFIXES:
         if name.endswith(packed):
             return name.removesuffix(packed).endswith(PLAIN_SUFFIXES[:3])
-    return name.endswith((*PLAIN_SUFFIXES, *RAW_SUFFIXES)) and not name.startswith(".")
+    return name.endswith((*PLAIN_SUFFIXES, *RAW_SUFFIXES))

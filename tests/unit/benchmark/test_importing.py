@@ -35,7 +35,7 @@ from benchmark.errors import PhotographError
 from benchmark.frames.dataset import open_dataset
 from benchmark.importing import raw_file
 from benchmark.importing.known_sky import known_sky
-from benchmark.importing.photographs import Clock, as_dn, photographs_in, read_photograph, read_times
+from benchmark.importing.photographs import Clock, as_dn, check_names, photographs_in, read_photograph, read_times
 from benchmark.importing.photometry import measure_light
 from benchmark.importing.rms import calibrate_night, read_night
 from benchmark.importing.star_truth import find_pointing
@@ -289,6 +289,27 @@ def test_a_table_of_times_comes_before_tags(tmp_path: Path) -> None:
     table.write_text("file,utc_mid,exposure_s\na.jpg,yesterday,2.5\n", encoding="utf-8")
     with pytest.raises(PhotographError, match="line 2"):
         read_times(table)
+
+
+def test_a_table_is_of_these_photographs(tmp_path: Path) -> None:
+    table, files = tmp_path / "times.csv", [tmp_path / "a.jpg", tmp_path / "b.jpg"]
+    rows = "{0},2021-02-03T04:05:06Z,2.5\n"
+    # Spreadsheets begin their files with a byte order mark.
+    table.write_text("\ufefffile,utc_mid,exposure_s\n" + rows.format("a.jpg"), encoding="utf-8")
+    check_names(read_times(table), files, table)
+    for name, words in (("B.JPG", "the photograph is b.jpg"), ("c.jpg", "none of the photographs, such as a.jpg")):
+        table.write_text("file,utc_mid,exposure_s\n" + rows.format(name), encoding="utf-8")
+        with pytest.raises(PhotographError, match=words):
+            check_names(read_times(table), files, table)
+    table.write_text("file,utc_mid,exposure_s\n" + 2 * rows.format("a.jpg"), encoding="utf-8")
+    with pytest.raises(PhotographError, match="line 3: a.jpg is listed twice"):
+        read_times(table)
+
+
+def test_packed_tiles_are_photographs_and_hidden_files_are_not(tmp_path: Path) -> None:
+    for name in ("a.fits.fz", "b.FITS.GZ", "._b.fits.gz", "._c.jpg", "notes.gz"):
+        (tmp_path / name).touch()
+    assert [path.name for path in photographs_in(tmp_path)] == ["a.fits.fz", "b.FITS.GZ"]
 
 
 def test_a_raw_file_gives_its_mosaic(tmp_path: Path) -> None:
