@@ -36,6 +36,7 @@ LARGEST_DN = 65535
 LONGEST_EXPOSURE_S = 86_400.0
 _CHUNK = 1 << 20
 _SMALLEST_SCALE = 1 / 16
+_FEW_LEVELS = 256
 _TIMES = "list it in a table: --times TABLE.csv with the columns file, utc_mid, exposure_s"
 
 
@@ -205,7 +206,8 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
     """Convert an image's values to DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
 
     Colours are added, which causes no rounding. Numbers between 0 and 1 become 0 to 65535. An offset raises negative numbers,
-    which occur in calibrated images. Values above 16 bits are halved until they fit, at most four times.
+    which occur in calibrated images. Values above 16 bits are halved until they fit, at most four times. Fractions that span
+    fewer than 256 whole numbers, which rounding would change, are doubled as long as they fit.
 
     Raises
     ------
@@ -222,7 +224,7 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
     low, high = float(grey.min()), float(grey.max())
     if not (math.isfinite(low) and math.isfinite(high)):
         raise PhotographError(f"{path}: has pixels that are no numbers; replace them by the sky around them")
-    scale = float(LARGEST_DN) if np.issubdtype(grey.dtype, np.floating) and low >= 0.0 and high <= 1.0 else 1.0
+    scale = _scale_up(grey, low, high) if np.issubdtype(grey.dtype, np.floating) else 1.0
     while scale > _SMALLEST_SCALE and scale * high + math.ceil(max(-scale * low, 0.0)) > LARGEST_DN:
         scale /= 2
     offset = float(math.ceil(max(-scale * low, 0.0)))
@@ -233,6 +235,17 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
         )
     dn = np.rint(offset + scale * grey.astype(np.float64)).astype(np.uint16)
     return dn, max(8, int(dn.max()).bit_length()), scale, offset
+
+
+def _scale_up(grey: NDArray[np.generic], low: float, high: float) -> float:
+    """Factor by which numbers with fractions are multiplied, so that rounding loses little."""
+    if low >= 0.0 and high <= 1.0:
+        return float(LARGEST_DN)
+    if not 0 < high - low < _FEW_LEVELS or not np.any(grey != np.rint(grey.astype(np.float64))):
+        return 1.0
+    # Whole numbers of the offset take up to one DN.
+    span = max(high, high - low)
+    return 2.0 ** max(0, math.floor(math.log2((LARGEST_DN - 1) / span)))
 
 
 def _header_time(path: Path, found: FitsImage, clock: Clock) -> tuple[str, float]:
