@@ -4,14 +4,19 @@ import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from celnav.attitude import Attitude
 from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
+from celnav.command.solving import _Lens, _of_attitude, _with_hint_of_other_lens
+from celnav.detection import Detections
 from celnav.errors import CameraError, ImageError, TimeError
+from celnav.fix import Fix, Reason
 
 TAKEN = datetime(2023, 10, 14, 22, 0, 0)
 TAGS = PhotoTags(6000, 4000, taken=TAKEN, exposure_s=8.0, focal_length_mm=24.0, focal_length_35mm=24.0)
@@ -178,3 +183,21 @@ def test_wide_lenses_are_warned_of() -> None:
 def test_a_camera_that_is_not_known_is_refused(changes, options, message) -> None:
     with pytest.raises(CameraError, match=message):
         photo_camera(replace(TAGS, **changes), **options)
+
+
+def test_a_cropped_picture_has_a_remedy() -> None:
+    seen = Detections(np.arange(24.0).reshape(12, 2), np.ones(12), (48, 64), None)
+    nothing = Fix.refusal(Reason.NO_HYPOTHESIS, "none")
+    camera = photo_camera(TAGS).camera
+    by_tags, by_file = (_Lens(camera, "", False, (), of_tags=by) for by in (True, False))
+    assert "none; if the picture was cropped" in _with_hint_of_other_lens(nothing, by_tags, seen).message
+    assert "--camera unknown" in _with_hint_of_other_lens(nothing, by_tags, seen).message
+    assert _with_hint_of_other_lens(nothing, by_file, seen) is nothing
+    few = Fix.refusal(Reason.TOO_FEW_DETECTIONS, "few")
+    assert _with_hint_of_other_lens(few, by_tags, seen) is few
+
+
+def test_only_the_accelerometers_vertical_is_said_to_be_one() -> None:
+    attitude = Attitude.up([0.0, 0.0, 1.0], 0.6)
+    assert "accelerometer" in _of_attitude("exif, tilt_sigma=0.6", attitude, TAGS)[0]
+    assert _of_attitude("exif_mount.json", attitude, TAGS) == []
