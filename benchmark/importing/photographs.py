@@ -14,14 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import celnav
 from benchmark.errors import PhotographError
-from celnav.command.exif import RAW_SUFFIXES, read_tags
+from celnav.command.exif import RAW_SUFFIXES, read_raw_tags, read_tags
 from celnav.command.exposure_time import Stamp, exposure_time
+from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.fits_file import FitsImage, is_fits, read_fits
 from celnav.errors import TimeError
 from generator.places.times import Instant
@@ -37,6 +39,7 @@ LONGEST_EXPOSURE_S = 86_400.0
 _CHUNK = 1 << 20
 _SMALLEST_SCALE = 1 / 16
 _FEW_LEVELS = 256
+_TILE_PX = 32
 _TIMES = "list it in a table: --times TABLE.csv with the columns file, utc_mid, exposure_s"
 
 
@@ -130,6 +133,8 @@ class Photograph:
     exposure_s : float
     assumed : tuple of str
         How the time follows from the file, one sentence each.
+    full : (height, width) bool array
+        Pixels that are full in some colour.
     """
 
     pixels: NDArray[np.uint16]
@@ -139,7 +144,17 @@ class Photograph:
     bayer_pattern: str | None
     utc_mid: str
     exposure_s: float
+    full: NDArray[np.bool_]
     assumed: tuple[str, ...] = ()
+
+    @property
+    def light(self) -> NDArray[np.float32]:
+        """Pixels, DN, for measurements of stars: those of a mosaic without the pattern of the sky's colour."""
+        pixels = self.pixels.astype(np.float32)
+        if self.bayer_pattern is None:
+            return pixels
+        # Whole numbers of DN: nothing within one step is an outlier.
+        return level_mosaic(pixels, np.ones(pixels.shape, dtype=bool), _TILE_PX, 1.01)
 
 
 def photographs_in(folder: Path) -> list[Path]:
@@ -189,15 +204,17 @@ def read_photograph(path: Path, clock: Clock) -> Photograph:
 
             mosaic = read_raw(path)
             utc_mid, exposure_s, assumed = _tagged_time(path, clock)
-            return Photograph(mosaic.pixels, mosaic.bits, 1.0, 0.0, mosaic.pattern, utc_mid, exposure_s, assumed)
+            full = mosaic.pixels >= mosaic.white
+            return Photograph(mosaic.pixels, mosaic.bits, 1.0, 0.0, mosaic.pattern, utc_mid, exposure_s, full, assumed)
         if is_fits(path):
             found = read_fits(path)
             utc_mid, exposure_s = _header_time(path, found, clock)
             pixels, bits, scale, offset = as_dn(found.pixels, path)
-            return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s)
+            return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, full_pixels(found.pixels))
         utc_mid, exposure_s, assumed = _tagged_time(path, clock)
-        pixels, bits, scale, offset = as_dn(celnav.read_image(path), path)
-        return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, assumed)
+        values = celnav.read_image(path)
+        pixels, bits, scale, offset = as_dn(values, path)
+        return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, full_pixels(values), assumed)
     except celnav.CelnavError as error:
         raise PhotographError(str(error).removeprefix("image ")) from error
 
@@ -237,6 +254,15 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
     return dn, max(8, int(dn.max()).bit_length()), scale, offset
 
 
+def full_pixels(values: NDArray[np.generic]) -> NDArray[np.bool_]:
+    """Pixels, (height, width), that are full: in some colour they have the largest number of the picture's bits, or 1.0."""
+    numbers: NDArray[Any] = values
+    high = float(numbers.max())
+    fractions = np.issubdtype(values.dtype, np.floating) and high <= 1.0
+    full = numbers >= (1.0 if fractions else 2 ** max(8, int(high).bit_length()) - 1)
+    return np.asarray(full if full.ndim == 2 else full.any(axis=2))
+
+
 def _scale_up(grey: NDArray[np.generic], low: float, high: float) -> float:
     """Factor by which numbers with fractions are multiplied, so that rounding loses little."""
     if low >= 0.0 and high <= 1.0:
@@ -269,11 +295,7 @@ def _header_time(path: Path, found: FitsImage, clock: Clock) -> tuple[str, float
 def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]:
     if path.name in clock.table:
         return *clock.table[path.name], ()
-    try:
-        tags = read_tags(path)
-    except celnav.CelnavError as error:
-        raw = f"; its tags cannot be read: {_TIMES}" if path.suffix.lower() in RAW_SUFFIXES else ""
-        raise PhotographError(f"{str(error).removeprefix('image ')}{raw}") from error
+    tags = (read_raw_tags if path.suffix.lower() in RAW_SUFFIXES else read_tags)(path)
     if tags.taken is None and tags.gps_utc is None:
         raise PhotographError(f"{path}: has no tag DateTimeOriginal, so its time is not known; {_TIMES}")
     exposure_s = tags.exposure_s if tags.exposure_s is not None else clock.exposure_s

@@ -32,7 +32,7 @@ from generator.frame.verify import problems
 from generator.reading.record import FORMAT
 from generator.stored_files import stored_file
 
-IMPORT_FORMAT = 2
+IMPORT_FORMAT = 3
 """Increases with every change of what an import produces from the same files."""
 _FRAME = re.compile(r"frame-\d{5,8}\.(png|json)")
 """Names of a frame's files as an import writes them."""
@@ -51,6 +51,7 @@ class Import:
     told : ToldCamera
     clock : Clock
     gain_e_per_dn : float or None
+        Electrons per unit of the files' numbers.
     """
 
     name: str
@@ -148,10 +149,13 @@ def _import_one(
     except PhotographError as error:
         raise PhotographError(f"{path}: {error}") from error
     told = given.told.at(photograph.utc_mid)
-    pointing = find_pointing(photograph.pixels, told, sky)
+    light = photograph.light
+    pointing = find_pointing(light, told, sky)
     name = frame_id(index)
-    rows = star_rows(photograph.pixels, camera, pointing, sky, (index, name), photograph.bits, given.gain_e_per_dn)
-    record = _record(given, told, photograph, sky, pointing, rows) | {
+    # The gain is that of the file's numbers, the frame's are scaled.
+    gain = None if given.gain_e_per_dn is None else given.gain_e_per_dn / photograph.scale
+    rows = star_rows(light, photograph.full, camera, pointing, sky, (index, name), gain)
+    record = _record(given, told, photograph, sky, pointing, rows, gain) | {
         "frame_id": name,
         "index": index,
         "scenario": {"name": given.name, "sha256": identity, "seed": 0},
@@ -167,7 +171,13 @@ def _import_one(
 
 
 def _record(
-    given: Import, told: ToldCamera, photograph: Photograph, sky: KnownSky, pointing: Pointing, rows: pa.Table
+    given: Import,
+    told: ToldCamera,
+    photograph: Photograph,
+    sky: KnownSky,
+    pointing: Pointing,
+    rows: pa.Table,
+    gain_e_per_dn: float | None,
 ) -> dict[str, Any]:
     """Make the frame record (docs/dataset_format.md); what is unknown about a photograph is null."""
     place, state = given.place, sky.state
@@ -206,7 +216,7 @@ def _record(
         )
         | {
             "bits": photograph.bits,
-            "gain_e_per_dn": given.gain_e_per_dn,
+            "gain_e_per_dn": gain_e_per_dn,
             "bayer_pattern": photograph.bayer_pattern,
         },
         "atmosphere": unknown(

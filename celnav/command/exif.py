@@ -12,7 +12,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, SupportsFloat
@@ -148,6 +148,33 @@ def read_tags(path: str | Path) -> PhotoTags:
             "upright, or as PNG"
         )
     return tags
+
+
+def read_raw_tags(path: str | Path) -> PhotoTags:
+    """Read the tags of a raw file with the structure of a TIFF (DNG, NEF, CR2, ARW, PEF); another program reads its pixels.
+
+    Tags of other raw files, and damaged ones, count as absent. The size is given as 0 x 0, because that of the first
+    directory may be a preview's, and the orientation as 1, because the sensor's pixels are never turned.
+
+    Raises
+    ------
+    ImageError
+        When the file cannot be read.
+    """
+    from PIL import Image
+
+    def read() -> Image.Exif:
+        exif = Image.Exif()
+        exif.load_from_fp(stream)
+        return exif
+
+    try:
+        with Path(path).open("rb") as stream:
+            base, photo, gps = _directories(read)
+    except OSError as error:
+        raise ImageError(f"image {path} cannot be read: {error.strerror}") from None
+    # Files after TIFF/EP (ISO 12234-2) have the photograph's tags among those of the picture.
+    return replace(_tags((0, 0), base, {**base, **photo}, gps), orientation=1)
 
 
 def _loaded(content: bytes) -> Image.Exif:

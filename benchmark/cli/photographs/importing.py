@@ -36,7 +36,8 @@ Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; empty o
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a dataset of other photographs.")]
 Name = Annotated[str, typer.Option("--name", help="Name of the dataset; default: that of the folder.")]
 Gain = Annotated[
-    float | None, typer.Option("--gain", min=0, help="Electrons per DN, where known; the stars' electrons follow.")
+    float | None,
+    typer.Option("--gain", min=0, help="Electrons per DN of the files, where known; the stars' electrons follow."),
 ]
 
 
