@@ -141,6 +141,8 @@ def _write_ground(photographs: list[Path], scene: Path, place: Place, target: Pa
         view = view_of(camera, fixed.spec.R_cam)
         mask = ground_mask(frames, view)
         picture = landscape_picture(mask, ground_reflectance(frames, view, mask), camera, fixed.spec.R_cam)
+    if not mask.any():
+        typer.echo("no ground is found: the picture is empty; --mask names a picture of what is not sky", err=True)
     stream = io.BytesIO()
     Image.fromarray(picture).save(stream, format="PNG", optimize=True)
     write_bytes(target, stream.getvalue())

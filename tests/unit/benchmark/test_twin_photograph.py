@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 from benchmark.cli.app import app
 from benchmark.errors import PhotographError
 from benchmark.twin.photograph import name_of, read_photograph
+from benchmark.twin.scene import read_scene
 from celnav.detecting import fits_file
+from generator.scenario.shipped import find_scenario
 
 SHIPPED = Path(__file__).parents[2] / "data" / "allsky"
 HEADER = {
@@ -136,6 +138,18 @@ def test_a_ground_of_stacks_needs_a_scene_that_makes_them(tmp_path: Path) -> Non
     told = CliRunner().invoke(app, arguments)
     assert told.exit_code == 2
     assert "needs a scene whose sensor makes video" in told.output.replace("\n", " ")
+
+
+def test_a_ground_of_nothing_is_said(tmp_path: Path) -> None:
+    """The place of a stack is the scene's."""
+    camera = read_scene(find_scenario(Path("meteor"))).camera
+    even = np.full((camera.height, camera.width), 60, np.uint8)
+    stack = write_ff(tmp_path, "FF_XX0001_20200102_030405_000_0000000.fits", even)
+    ground = tmp_path / "ground.png"
+    told = CliRunner().invoke(app, ["twin", str(stack), "--scene", "meteor", "--ground", str(ground)])
+    assert told.exit_code == 0, told.output
+    assert "no ground is found" in told.output
+    assert ground.is_file()
 
 
 def test_the_shipped_photographs_are_read() -> None:
