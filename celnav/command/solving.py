@@ -197,6 +197,8 @@ def _with_hint_of_other_lens(fix: Fix, lens: _Lens, detections: Detections) -> F
     """
     if not lens.of_tags or fix.reason not in NAMES_NO_STAR or len(detections) < FEWEST_TO_MIRROR:
         return fix
+    if MIRRORED in fix.message:  # found with this very focal length
+        return fix
     remedy = "give --camera unknown, which finds field and lens from the stars"
     return replace(
         fix, message=f"{fix.message}; if the picture was cropped or zoomed, that focal length is not its own: {remedy}"

@@ -13,7 +13,7 @@ from celnav.attitude import Attitude
 from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
-from celnav.command.solving import _Lens, _of_attitude, _with_hint_of_other_lens
+from celnav.command.solving import MIRRORED, _Lens, _of_attitude, _with_hint_of_other_lens
 from celnav.detection import Detections
 from celnav.errors import CameraError, ImageError, TimeError
 from celnav.fix import Fix, Reason
@@ -195,6 +195,8 @@ def test_a_cropped_picture_has_a_remedy() -> None:
     assert _with_hint_of_other_lens(nothing, by_file, seen) is nothing
     few = Fix.refusal(Reason.TOO_FEW_DETECTIONS, "few")
     assert _with_hint_of_other_lens(few, by_tags, seen) is few
+    mirrored = Fix.refusal(Reason.NO_HYPOTHESIS, f"none; {MIRRORED}")
+    assert _with_hint_of_other_lens(mirrored, by_tags, seen) is mirrored
 
 
 def test_only_the_accelerometers_vertical_is_said_to_be_one() -> None:
