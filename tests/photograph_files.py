@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -82,8 +83,8 @@ def write_camera(path: Path, tilt_sigma_deg: float = 0.05, attitude: bool = True
     return path
 
 
-def write_dng(path: Path, mosaic: NDArray[np.uint16]) -> Path:
-    """A raw file: a mosaic red, green / green, blue of 12 bits (Adobe, DNG specification 1.4)."""
+def write_dng(path: Path, mosaic: NDArray[np.uint16], more: Sequence[tuple[object, ...]] = ()) -> Path:
+    """A raw file: a mosaic red, green / green, blue of 12 bits (Adobe, DNG specification 1.4), with more tags."""
     diagonal = [part for row in np.eye(3, dtype=int).ravel() for part in (int(row), 1)]
     tags = [
         (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
@@ -93,6 +94,7 @@ def write_dng(path: Path, mosaic: NDArray[np.uint16]) -> Path:
         (50708, "s", 5, "test", True),  # UniqueCameraModel
         (50717, "I", 1, 4095, True),  # WhiteLevel
         (50721, "2i", 9, tuple(diagonal), True),  # ColorMatrix1
+        *more,
     ]
     tifffile.imwrite(path, mosaic, photometric="CFA", metadata=None, extratags=tags)
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,9 @@ from benchmark.cli.output import AsJson, print_json
 from benchmark.cli.progress import working
 from benchmark.errors import BenchmarkError, PhotographError
 from generator.errors import GeneratorError
+
+if TYPE_CHECKING:
+    from benchmark.place import Place
 
 
 def add_to(app: typer.Typer) -> None:
@@ -60,7 +63,7 @@ def twin(
     Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is taken from the scene.
     """
     from benchmark.place import Place
-    from benchmark.twin.photograph import read_photograph
+    from benchmark.twin.photograph import check_names, read_photograph
     from benchmark.twin.render_twin import make_twin
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
     from benchmark.twin.scene import read_passing, read_scene
@@ -76,9 +79,10 @@ def twin(
         trails = {} if passing is None else read_passing(passing)
         if ground is not None:
             _check_writable(ground.parent)
-            _write_ground(photographs, scene, ground)
+            _write_ground(photographs, scene, place, ground)
             typer.echo(str(ground))
             return
+        check_names(photographs)
         _check_writable(out)
         rows = []
         for path in photographs:
@@ -110,7 +114,7 @@ def _check_writable(folder: Path) -> None:
         raise PhotographError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
 
 
-def _write_ground(photographs: list[Path], scene: Path, target: Path) -> None:
+def _write_ground(photographs: list[Path], scene: Path, place: Place, target: Path) -> None:
     import io
 
     from PIL import Image
@@ -118,22 +122,27 @@ def _write_ground(photographs: list[Path], scene: Path, target: Path) -> None:
     from benchmark.twin.ground import ground_mask, ground_reflectance, landscape_picture
     from benchmark.twin.photograph import read_photograph
     from benchmark.twin.scene import read_scene
+    from benchmark.twin.video_twin import stack_dn
     from benchmark.twin.view import dark_plane, view_of
     from generator.files import write_bytes
     from generator.scenario.shipped import find_scenario
 
     fixed = read_scene(find_scenario(scene))
-    camera, circle_px, black_dn = fixed.camera, fixed.spec.camera.image_circle_px, fixed.spec.sensor.black_level_dn
+    camera, circle_px, sensor = fixed.camera, fixed.spec.camera.image_circle_px, fixed.spec.sensor
     frames = []
     for path in photographs:
         with working(f"{path.name}: reading"):
-            pixels = read_photograph(path).pixels
+            photograph = read_photograph(path, place)
+            pixels = photograph.pixels
             fixed.check_size(path.name, pixels.shape)
+            black_dn = sensor.black_level_dn * (1.0 if photograph.stack is None else stack_dn(fixed, photograph.name))
             frames.append(pixels - dark_plane(pixels, camera, circle_px, float(black_dn)))
     with working("comparing"):
         view = view_of(camera, fixed.spec.R_cam)
         mask = ground_mask(frames, view)
         picture = landscape_picture(mask, ground_reflectance(frames, view, mask), camera, fixed.spec.R_cam)
+    if not mask.any():
+        typer.echo("no ground is found: the picture is empty; --mask names a picture of what is not sky", err=True)
     stream = io.BytesIO()
     Image.fromarray(picture).save(stream, format="PNG", optimize=True)
     write_bytes(target, stream.getvalue())

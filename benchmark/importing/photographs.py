@@ -10,25 +10,27 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import celnav
 from benchmark.errors import PhotographError
-from celnav.command.exif import RAW_SUFFIXES, read_tags
+from celnav.command.exif import RAW_SUFFIXES, read_raw_tags, read_tags
 from celnav.command.exposure_time import Stamp, exposure_time
+from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.fits_file import FitsImage, is_fits, read_fits
 from celnav.errors import TimeError
 from generator.places.times import Instant
 from generator.reading.record import LARGEST_SIDE_PX
 
 PLAIN_SUFFIXES = (".fits", ".fit", ".fts", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".heic", ".heif")
-PACKED_SUFFIXES = (".bz2", ".gz")
+PACKED_SUFFIXES = (".bz2", ".gz", ".fz")
 MOST_PHOTOGRAPHS = 20_000
 LARGEST_FILE_BYTES = 500_000_000
 LARGEST_TABLE_BYTES = 10_000_000
@@ -36,6 +38,8 @@ LARGEST_DN = 65535
 LONGEST_EXPOSURE_S = 86_400.0
 _CHUNK = 1 << 20
 _SMALLEST_SCALE = 1 / 16
+_FEW_LEVELS = 256
+_TILE_PX = 32
 _TIMES = "list it in a table: --times TABLE.csv with the columns file, utc_mid, exposure_s"
 
 
@@ -72,7 +76,7 @@ def read_times(path: Path) -> dict[str, tuple[str, float]]:
     try:
         if path.stat().st_size > LARGEST_TABLE_BYTES:
             raise PhotographError(f"{path}: larger than {LARGEST_TABLE_BYTES} bytes")
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise PhotographError(f"{path}: cannot be read ({error})") from error
     found = {}
@@ -82,12 +86,32 @@ def read_times(path: Path) -> dict[str, tuple[str, float]]:
             Instant.parse(row["utc_mid"])
             if not 0 < exposure_s <= LONGEST_EXPOSURE_S:
                 raise ValueError(f"exposure_s {exposure_s:g} is not within a day")
+            if row["file"] in found:
+                raise ValueError(f"{row['file']} is listed twice")
             found[row["file"]] = (row["utc_mid"], exposure_s)
         except (KeyError, TypeError, ValueError) as error:
             raise PhotographError(
                 f"{path}, line {line}: {error}; expected the columns file, utc_mid, exposure_s"
             ) from error
     return found
+
+
+def check_names(table: Mapping[str, tuple[str, float]], files: Sequence[Path], where: Path) -> None:
+    """Refuse a table of times for other photographs: one that names none of the files, or one in other letters.
+
+    Raises
+    ------
+    PhotographError
+        The message names the table, `where`, and a name in it.
+    """
+    names = {path.name for path in files}
+    by_letters = {name.casefold(): name for name in names}
+    for name in table:
+        if name not in names and (meant := by_letters.get(name.casefold())) is not None:
+            raise PhotographError(f"{where}: names {name}, but the photograph is {meant}; write it so")
+    if files and not names & table.keys():
+        listed = next(iter(table), "nothing")
+        raise PhotographError(f"{where}: names none of the photographs, such as {files[0].name}, but {listed}; mend it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +133,8 @@ class Photograph:
     exposure_s : float
     assumed : tuple of str
         How the time follows from the file, one sentence each.
+    full : (height, width) bool array
+        Pixels that are full in some colour.
     """
 
     pixels: NDArray[np.uint16]
@@ -118,7 +144,17 @@ class Photograph:
     bayer_pattern: str | None
     utc_mid: str
     exposure_s: float
+    full: NDArray[np.bool_]
     assumed: tuple[str, ...] = ()
+
+    @property
+    def light(self) -> NDArray[np.float32]:
+        """Pixels, DN, for measurements of stars: those of a mosaic without the pattern of the sky's colour."""
+        pixels = self.pixels.astype(np.float32)
+        if self.bayer_pattern is None:
+            return pixels
+        # Whole numbers of DN: nothing within one step is an outlier.
+        return level_mosaic(pixels, np.ones(pixels.shape, dtype=bool), _TILE_PX, 1.01)
 
 
 def photographs_in(folder: Path) -> list[Path]:
@@ -134,7 +170,7 @@ def photographs_in(folder: Path) -> list[Path]:
     found = sorted(path for path in folder.iterdir() if path.is_file() and _is_photograph(path))
     if not found:
         known = " ".join((*PLAIN_SUFFIXES, "and raw files"))
-        raise PhotographError(f"{folder}: no photograph in it ({known}; FITS also packed, .bz2 or .gz)")
+        raise PhotographError(f"{folder}: no photograph in it ({known}; FITS also packed, .bz2, .gz or .fz)")
     if len(found) > MOST_PHOTOGRAPHS:
         raise PhotographError(f"{folder}: {len(found)} photographs; at most {MOST_PHOTOGRAPHS} make one dataset")
     return found
@@ -168,15 +204,17 @@ def read_photograph(path: Path, clock: Clock) -> Photograph:
 
             mosaic = read_raw(path)
             utc_mid, exposure_s, assumed = _tagged_time(path, clock)
-            return Photograph(mosaic.pixels, mosaic.bits, 1.0, 0.0, mosaic.pattern, utc_mid, exposure_s, assumed)
+            full = mosaic.pixels >= mosaic.white
+            return Photograph(mosaic.pixels, mosaic.bits, 1.0, 0.0, mosaic.pattern, utc_mid, exposure_s, full, assumed)
         if is_fits(path):
             found = read_fits(path)
             utc_mid, exposure_s = _header_time(path, found, clock)
             pixels, bits, scale, offset = as_dn(found.pixels, path)
-            return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s)
+            return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, full_pixels(found.pixels))
         utc_mid, exposure_s, assumed = _tagged_time(path, clock)
-        pixels, bits, scale, offset = as_dn(celnav.read_image(path), path)
-        return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, assumed)
+        values = celnav.read_image(path)
+        pixels, bits, scale, offset = as_dn(values, path)
+        return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, full_pixels(values), assumed)
     except celnav.CelnavError as error:
         raise PhotographError(str(error).removeprefix("image ")) from error
 
@@ -185,7 +223,8 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
     """Convert an image's values to DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
 
     Colours are added, which causes no rounding. Numbers between 0 and 1 become 0 to 65535. An offset raises negative numbers,
-    which occur in calibrated images. Values above 16 bits are halved until they fit, at most four times.
+    which occur in calibrated images. Values above 16 bits are halved until they fit, at most four times. Fractions that span
+    fewer than 256 whole numbers, which rounding would change, are doubled as long as they fit.
 
     Raises
     ------
@@ -202,7 +241,7 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
     low, high = float(grey.min()), float(grey.max())
     if not (math.isfinite(low) and math.isfinite(high)):
         raise PhotographError(f"{path}: has pixels that are no numbers; replace them by the sky around them")
-    scale = float(LARGEST_DN) if np.issubdtype(grey.dtype, np.floating) and low >= 0.0 and high <= 1.0 else 1.0
+    scale = _scale_up(grey, low, high) if np.issubdtype(grey.dtype, np.floating) else 1.0
     while scale > _SMALLEST_SCALE and scale * high + math.ceil(max(-scale * low, 0.0)) > LARGEST_DN:
         scale /= 2
     offset = float(math.ceil(max(-scale * low, 0.0)))
@@ -213,6 +252,26 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
         )
     dn = np.rint(offset + scale * grey.astype(np.float64)).astype(np.uint16)
     return dn, max(8, int(dn.max()).bit_length()), scale, offset
+
+
+def full_pixels(values: NDArray[np.generic]) -> NDArray[np.bool_]:
+    """Pixels, (height, width), that are full: in some colour they have the largest number of the picture's bits, or 1.0."""
+    numbers: NDArray[Any] = values
+    high = float(numbers.max())
+    fractions = np.issubdtype(values.dtype, np.floating) and high <= 1.0
+    full = numbers >= (1.0 if fractions else 2 ** max(8, int(high).bit_length()) - 1)
+    return np.asarray(full if full.ndim == 2 else full.any(axis=2))
+
+
+def _scale_up(grey: NDArray[np.generic], low: float, high: float) -> float:
+    """Factor by which numbers with fractions are multiplied, so that rounding loses little."""
+    if low >= 0.0 and high <= 1.0:
+        return float(LARGEST_DN)
+    if not 0 < high - low < _FEW_LEVELS or not np.any(grey != np.rint(grey.astype(np.float64))):
+        return 1.0
+    # Whole numbers of the offset take up to one DN.
+    span = max(high, high - low)
+    return 2.0 ** max(0, math.floor(math.log2((LARGEST_DN - 1) / span)))
 
 
 def _header_time(path: Path, found: FitsImage, clock: Clock) -> tuple[str, float]:
@@ -236,11 +295,7 @@ def _header_time(path: Path, found: FitsImage, clock: Clock) -> tuple[str, float
 def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]:
     if path.name in clock.table:
         return *clock.table[path.name], ()
-    try:
-        tags = read_tags(path)
-    except celnav.CelnavError as error:
-        raw = f"; its tags cannot be read: {_TIMES}" if path.suffix.lower() in RAW_SUFFIXES else ""
-        raise PhotographError(f"{str(error).removeprefix('image ')}{raw}") from error
+    tags = (read_raw_tags if path.suffix.lower() in RAW_SUFFIXES else read_tags)(path)
     if tags.taken is None and tags.gps_utc is None:
         raise PhotographError(f"{path}: has no tag DateTimeOriginal, so its time is not known; {_TIMES}")
     exposure_s = tags.exposure_s if tags.exposure_s is not None else clock.exposure_s
@@ -255,7 +310,9 @@ def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]
 
 def _is_photograph(path: Path) -> bool:
     name = path.name.lower()
+    if name.startswith("."):
+        return False
     for packed in PACKED_SUFFIXES:
         if name.endswith(packed):
             return name.removesuffix(packed).endswith(PLAIN_SUFFIXES[:3])
-    return name.endswith((*PLAIN_SUFFIXES, *RAW_SUFFIXES)) and not name.startswith(".")
+    return name.endswith((*PLAIN_SUFFIXES, *RAW_SUFFIXES))

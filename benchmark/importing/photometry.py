@@ -61,6 +61,18 @@ def measure_light(pixels: NDArray[np.floating], uv: Floats) -> Light:
     return first if sigma_px == USUAL_SIGMA_PX else _measure(pixels, uv, sigma_px)
 
 
+def any_near(mask: NDArray[np.bool_], uv: Floats) -> NDArray[np.bool_]:
+    """Whether a pixel of a mask lies within the aperture around the pixel of a position (n, 2), px; (n,)."""
+    steps = np.arange(-int(APERTURE_PX), int(APERTURE_PX) + 1)
+    v, u = np.meshgrid(steps, steps, indexing="ij")
+    place = np.rint(np.where(np.isfinite(uv), uv, -1e6)).astype(np.int64)
+    rows, columns = place[:, 1, None, None] + v, place[:, 0, None, None] + u
+    height, width = mask.shape
+    counted = (np.hypot(u, v) <= APERTURE_PX) & (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    found = mask[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)] & counted
+    return np.asarray(found.any(axis=(1, 2)))
+
+
 def _measure(pixels: NDArray[np.floating], uv: Floats, sigma_px: float) -> Light:
     found = Light(*(np.full(shape, np.nan) for shape in (uv.shape, len(uv), len(uv), len(uv))))
     height, width = pixels.shape

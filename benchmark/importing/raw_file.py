@@ -23,12 +23,15 @@ class Mosaic:
     pixels : (height, width) uint16 array
         DN of the visible part, one colour per pixel.
     bits : int
+    white : int
+        DN from which a pixel is full.
     pattern : str or None
         Colours of the first 2 x 2 pixels, row by row; None for a sensor without colours.
     """
 
     pixels: NDArray[np.uint16]
     bits: int
+    white: int
     pattern: str | None
 
 
@@ -70,4 +73,4 @@ def read_raw(path: Path) -> Mosaic:
         raise PhotographError(f"{path}: not a readable raw file ({words})") from error
     if pixels.ndim != 2:
         raise PhotographError(f"{path}: holds no mosaic but a picture in colours; develop it to a TIFF first")
-    return Mosaic(pixels, max(8, white.bit_length()), pattern)
+    return Mosaic(pixels, max(8, white.bit_length()), white, pattern)

@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from benchmark.importing.known_sky import KnownSky
-from benchmark.importing.photometry import measure_light
+from benchmark.importing.photometry import any_near, measure_light
 from benchmark.importing.told import ToldCamera
 from benchmark.twin.alignment import align
 from celnav.camera import Camera
@@ -62,7 +62,7 @@ class Pointing:
         return self.stars > 0
 
 
-def find_pointing(pixels: NDArray[np.uint16], told: ToldCamera, sky: KnownSky) -> Pointing:
+def find_pointing(pixels: NDArray[np.floating], told: ToldCamera, sky: KnownSky) -> Pointing:
     """Find the attitude, near the supplied one, at which the known sky matches the photograph."""
     unaligned = Pointing(told.R_cam, 0, None, None)
     if told.sigma_px > FOUND_PX:
@@ -79,12 +79,12 @@ def find_pointing(pixels: NDArray[np.uint16], told: ToldCamera, sky: KnownSky) -
 
 
 def star_rows(
-    pixels: NDArray[np.uint16],
+    pixels: NDArray[np.floating],
+    full: NDArray[np.bool_],
     camera: Camera,
     pointing: Pointing,
     sky: KnownSky,
     identity: tuple[int, str],
-    bits: int,
     gain_e_per_dn: float | None,
 ) -> pa.Table:
     """Rows of the stars of a photograph; unknown values are empty. There are no rows if the stars cannot be identified.
@@ -92,13 +92,14 @@ def star_rows(
     Parameters
     ----------
     pixels : (height, width) array
+        DN.
+    full : (height, width) array
+        Pixels that are full.
     camera : Camera
     pointing : Pointing
     sky : KnownSky
     identity : (int, str)
         Index and id of the frame.
-    bits : int
-        Number of bits of the image's DN.
     gain_e_per_dn : float or None
         Where it is known, the stars' electrons are the measured ones.
     """
@@ -138,7 +139,7 @@ def star_rows(
         "electrons_e": np.where(own, np.maximum(light.flux, 0.0) * (gain_e_per_dn or np.nan), np.nan),
         "fraction_in_frame": np.ones(len(rows)),
         "snr": np.where(own, light.snr, np.nan),
-        "saturated": pa.array((light.highest >= 2**bits - 1).tolist(), pa.bool_(), mask=~own),
+        "saturated": pa.array(any_near(full, uv).tolist(), pa.bool_(), mask=~own),
         "occluded": pa.nulls(len(rows), pa.bool_()),
         **dict.fromkeys(("hidden_fraction", "cloud_optical_depth", "cloud_transmission", "scintillation"), empty),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,8 +32,10 @@ from generator.frame.verify import problems
 from generator.reading.record import FORMAT
 from generator.stored_files import stored_file
 
-IMPORT_FORMAT = 2
+IMPORT_FORMAT = 3
 """Increases with every change of what an import produces from the same files."""
+_FRAME = re.compile(r"frame-\d{5,8}\.(png|json)")
+"""Names of a frame's files as an import writes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,7 @@ class Import:
     told : ToldCamera
     clock : Clock
     gain_e_per_dn : float or None
+        Electrons per unit of the files' numbers.
     """
 
     name: str
@@ -106,6 +110,9 @@ def import_photographs(
     PhotographError
         A photograph or the folder cannot be used.
     """
+    for path in given.photographs:
+        if path.resolve().parent == out.resolve():
+            raise PhotographError(f"{out}: holds the photographs themselves ({path.name}, …); choose another folder")
     hashes = [file_sha256(path) for path in given.photographs]
     identity = _identity(given, hashes)
     if _there(out, identity, overwrite):
@@ -142,17 +149,21 @@ def _import_one(
     except PhotographError as error:
         raise PhotographError(f"{path}: {error}") from error
     told = given.told.at(photograph.utc_mid)
-    pointing = find_pointing(photograph.pixels, told, sky)
+    light = photograph.light
+    pointing = find_pointing(light, told, sky)
     name = frame_id(index)
-    rows = star_rows(photograph.pixels, camera, pointing, sky, (index, name), photograph.bits, given.gain_e_per_dn)
-    record = _record(given, told, photograph, sky, pointing, rows) | {
+    # The gain is that of the file's numbers, the frame's are scaled.
+    gain = None if given.gain_e_per_dn is None else given.gain_e_per_dn / photograph.scale
+    rows = star_rows(light, photograph.full, camera, pointing, sky, (index, name), gain)
+    record = _record(given, told, photograph, sky, pointing, rows, gain) | {
         "frame_id": name,
         "index": index,
         "scenario": {"name": given.name, "sha256": identity, "seed": 0},
     }
     record["photograph"] |= {"file": path.name, "sha256": digest}
-    write_bytes(out / f"{name}.png", encode(photograph.pixels, "png"))
+    # The record comes first, so that a picture without one is never an import's.
     write_bytes(out / f"{name}.json", record_bytes(record))
+    write_bytes(out / f"{name}.png", encode(photograph.pixels, "png"))
     made = Imported(
         name, path.name, photograph.utc_mid, pointing.stars, rows.num_rows, pointing.rms_px, pointing.turned_deg
     )
@@ -160,7 +171,13 @@ def _import_one(
 
 
 def _record(
-    given: Import, told: ToldCamera, photograph: Photograph, sky: KnownSky, pointing: Pointing, rows: pa.Table
+    given: Import,
+    told: ToldCamera,
+    photograph: Photograph,
+    sky: KnownSky,
+    pointing: Pointing,
+    rows: pa.Table,
+    gain_e_per_dn: float | None,
 ) -> dict[str, Any]:
     """Make the frame record (docs/dataset_format.md); what is unknown about a photograph is null."""
     place, state = given.place, sky.state
@@ -199,7 +216,7 @@ def _record(
         )
         | {
             "bits": photograph.bits,
-            "gain_e_per_dn": given.gain_e_per_dn,
+            "gain_e_per_dn": gain_e_per_dn,
             "bayer_pattern": photograph.bayer_pattern,
         },
         "atmosphere": unknown(
@@ -273,11 +290,12 @@ def _there(out: Path, identity: str, overwrite: bool) -> bool:
     try:
         out.mkdir(parents=True, exist_ok=True)
         found = sorted(out.iterdir())
-        own = [path for path in found if path.name in (STARS_FILE, FRAMES_MANIFEST) or path.name.startswith("frame-")]
+        dataset = (out / FRAMES_MANIFEST).exists()
+        own = [path for path in found if (_is_of_dataset(path) if dataset else _is_of_import(path))]
         strangers = [path.name for path in found if path not in own]
         if strangers:
             raise PhotographError(f"{out}: holds other files ({strangers[0]}, …); choose an empty folder")
-        if own and not (overwrite or same or not (out / FRAMES_MANIFEST).exists()):
+        if dataset and not (overwrite or same):
             raise PhotographError(
                 f"{out}: holds another dataset; choose another folder, or replace it with --overwrite"
             )
@@ -286,3 +304,20 @@ def _there(out: Path, identity: str, overwrite: bool) -> bool:
     except OSError as error:
         raise PhotographError(f"{out}: cannot be written ({error.strerror}); choose another folder") from error
     return False
+
+
+def _is_of_dataset(path: Path) -> bool:
+    """Whether a file in a folder with a manifest belongs to the dataset, by its name."""
+    return path.name in (STARS_FILE, FRAMES_MANIFEST) or path.name.startswith("frame-")
+
+
+def _is_of_import(path: Path) -> bool:
+    """Whether a file in a folder without a manifest is left from an import that was interrupted, by the records."""
+    if path.name == STARS_FILE:
+        return _is_of_import(path.with_name(f"{frame_id(0)}.json"))
+    if _FRAME.fullmatch(path.name) is None:
+        return False
+    try:
+        return "photograph" in json.loads(path.with_suffix(".json").read_bytes())
+    except (OSError, ValueError, TypeError, RecursionError):
+        return False

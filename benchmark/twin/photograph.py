@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -34,6 +34,7 @@ PLACE_WORDS = {
 """Header keywords that state the place, as written by common camera programs, and bounds of the values."""
 _SEXAGESIMAL = re.compile(r"([+-]?)(\d+(?:\.\d+)?)(?:[ :]+(\d+(?:\.\d+)?))?(?:[ :]+(\d+(?:\.\d+)?))?")
 _NAME = re.compile(r"[^a-z0-9_-]+")
+_ENDINGS = re.compile(r"(\.(fits|fit|fts))?(\.(gz|bz2|fz))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ def _stack(path: Path, place: Place | None) -> Photograph:
         raise PhotographError(f"{path}: a stack of video says no place; give that of its camera")
     stack = read_stack(unpacked_bytes(path), str(path))
     where = place.latitude_deg, place.longitude_deg, place.height_m
-    return Photograph(_name_of(path), stack.mean, start, stack.exposure_s, *where, stack)
+    return Photograph(name_of(path), stack.mean, start, stack.exposure_s, *where, stack)
 
 
 def _image(path: Path) -> Photograph:
@@ -100,7 +101,7 @@ def _image(path: Path) -> Photograph:
         raise PhotographError(f"{path}: has pixels that are no numbers; replace them by the sky around them")
     start, length_s = _start(read.exposure, path)
     latitude_deg, longitude_deg, height_m = (_stated(read.header, *words, path) for words in PLACE_WORDS.values())
-    return Photograph(_name_of(path), pixels, start, length_s, latitude_deg, longitude_deg, height_m)
+    return Photograph(name_of(path), pixels, start, length_s, latitude_deg, longitude_deg, height_m)
 
 
 def _start(told: ExposureInHeader, path: Path) -> tuple[str, float]:
@@ -120,8 +121,26 @@ def _start(told: ExposureInHeader, path: Path) -> tuple[str, float]:
     return start, told.length_s
 
 
-def _name_of(path: Path) -> str:
-    return _NAME.sub("-", path.name.split(".")[0].lower()).strip("-") or "photograph"
+def name_of(path: Path) -> str:
+    """Name of a photograph: that of its file without the endings, in small letters, digits, dashes and underscores."""
+    return _NAME.sub("-", _ENDINGS.sub("", path.name, count=1).lower()).strip("-") or "photograph"
+
+
+def check_names(paths: Sequence[Path]) -> None:
+    """Refuse photographs of one name, whose twins would replace each other.
+
+    Raises
+    ------
+    PhotographError
+        The message names both files.
+    """
+    by_name: dict[str, Path] = {}
+    for path in paths:
+        if (other := by_name.setdefault(name_of(path), path)) is not path:
+            raise PhotographError(
+                f"{path}: its twin would be named twin-{name_of(path)}, as that of {other} is; give each its own --out, or "
+                "rename one"
+            )
 
 
 def _stated(header: Mapping[str, object], words: tuple[str, ...], lowest: float, highest: float, path: Path) -> float:

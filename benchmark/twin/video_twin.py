@@ -57,12 +57,11 @@ def make_video_twin(
     `passing` are trails that the twin also has; nothing is fitted to them.
     """
     video, sensor, camera = scene.spec.sensor.video, scene.spec.sensor, scene.camera
-    if video is None or photograph.stack is None:
-        raise PhotographError(
-            f"{photograph.name}: a stack of video needs a scene whose sensor makes video, and no other does"
-        )
+    to_8_bit = stack_dn(scene, photograph.name)
+    assert video is not None
+    if photograph.stack is None:
+        raise PhotographError(f"{photograph.name}: is no stack of video, and the scene's sensor makes such")
     frames = video.count(scene.spec.time.exposure_s)
-    to_8_bit = HIGHEST_8_BIT / (2**sensor.bits - 1) * video.exposure
     if video.gamma != 1:
         raise PhotographError(
             f"{scene.path}: sensor.video.gamma is {video.gamma:g}; twins of stacks need a linear camera (1)"
@@ -140,6 +139,20 @@ def make_video_twin(
         sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
         ranges=(range_of(photograph.stack, sky), range_of(made_stack, sky)),
     )
+
+
+def stack_dn(scene: Scene, name: str) -> float:
+    """Grey values of a stack per DN of the scene's sensor.
+
+    Raises
+    ------
+    PhotographError
+        The scene's sensor makes no video; the message begins with the photograph's name.
+    """
+    sensor = scene.spec.sensor
+    if sensor.video is None:
+        raise PhotographError(f"{name}: a stack of video needs a scene whose sensor makes video, such as meteor")
+    return float(HIGHEST_8_BIT / (2**sensor.bits - 1) * sensor.video.exposure)
 
 
 def black_level(

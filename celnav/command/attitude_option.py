@@ -89,6 +89,11 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
     return Attitude.with_sigma(pointing.R_cam, tilt_deg=tilt, heading_deg=angles.get("heading_sigma", 0.0))
 
 
+def is_of_gravity(text: str) -> bool:
+    """Return whether the option's value asks for the vertical of a telephone's accelerometer."""
+    return _GRAVITY.fullmatch(text) is not None
+
+
 def _angles(text: str) -> dict[str, float]:
     angles: dict[str, float] = {}
     for part in text.split(","):

@@ -12,7 +12,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, SupportsFloat
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 _Tags = Mapping[int, object]
 _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _LONGEST_TEXT = 60
+# Years of a clock that may be right: one whose battery is dead can show the year 1 or 9999.
+_YEARS = (1900, 2200)
+_LONGEST_EXPOSURE_S = 86400.0
 # Units of FocalPlaneResolutionUnit in millimetres; 4 and 5 are widely used although they are not in the standard.
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 RAW_SUFFIXES = {
@@ -147,6 +150,33 @@ def read_tags(path: str | Path) -> PhotoTags:
     return tags
 
 
+def read_raw_tags(path: str | Path) -> PhotoTags:
+    """Read the tags of a raw file with the structure of a TIFF (DNG, NEF, CR2, ARW, PEF); another program reads its pixels.
+
+    Tags of other raw files, and damaged ones, count as absent. The size is given as 0 x 0, because that of the first
+    directory may be a preview's, and the orientation as 1, because the sensor's pixels are never turned.
+
+    Raises
+    ------
+    ImageError
+        When the file cannot be read.
+    """
+    from PIL import Image
+
+    def read() -> Image.Exif:
+        exif = Image.Exif()
+        exif.load_from_fp(stream)
+        return exif
+
+    try:
+        with Path(path).open("rb") as stream:
+            base, photo, gps = _directories(read)
+    except OSError as error:
+        raise ImageError(f"image {path} cannot be read: {error.strerror}") from None
+    # Files after TIFF/EP (ISO 12234-2) have the photograph's tags among those of the picture.
+    return replace(_tags((0, 0), base, {**base, **photo}, gps), orientation=1)
+
+
 def _loaded(content: bytes) -> Image.Exif:
     from PIL import Image
 
@@ -173,7 +203,7 @@ def _tags(size: tuple[int, int], base: _Tags, photo: _Tags, gps: _Tags, turned: 
     if taken is not None and fraction:
         taken += timedelta(seconds=float(f"0.{fraction[0]}"))
     per_unit, unit_mm = _positive(photo.get(0xA20E)), _UNIT_MM.get(int(_positive(photo.get(0xA210)) or 2))
-    tagged_width = _positive(photo.get(0xA002))
+    tagged_width, exposure_s = _positive(photo.get(0xA002)), _positive(photo.get(0x829A))
     stated = int(_positive(base.get(0x0112)) or 1)
     orientation = stated if 1 <= stated <= 8 else 1
     lens = _text(photo.get(0xA434))
@@ -184,7 +214,7 @@ def _tags(size: tuple[int, int], base: _Tags, photo: _Tags, gps: _Tags, turned: 
         whole_seconds=fraction is None,
         offset=_offset(photo.get(0x9011)),
         gps_utc=_gps_time(gps.get(29), gps.get(7)),
-        exposure_s=_positive(photo.get(0x829A)),
+        exposure_s=None if exposure_s is None or exposure_s > _LONGEST_EXPOSURE_S else exposure_s,
         focal_length_mm=_positive(photo.get(0x920A)),
         focal_length_35mm=_positive(photo.get(0xA405)),
         focal_plane_px_mm=None if per_unit is None or unit_mm is None else per_unit / unit_mm,
@@ -229,9 +259,10 @@ def _positive(value: object) -> float | None:
 
 def _time(value: object) -> datetime | None:
     try:
-        return datetime.strptime(_text(value), "%Y:%m:%d %H:%M:%S")
+        shown = datetime.strptime(_text(value), "%Y:%m:%d %H:%M:%S")
     except ValueError:
         return None
+    return shown if _YEARS[0] <= shown.year <= _YEARS[1] else None
 
 
 def _offset(value: object) -> timedelta | None:
@@ -241,7 +272,7 @@ def _offset(value: object) -> timedelta | None:
     if found[0] == "Z":
         return timedelta(0)
     offset = timedelta(hours=int(found[2]), minutes=int(found[3]))
-    if offset > timedelta(hours=14):
+    if offset > timedelta(hours=14) or int(found[3]) > 59:
         return None
     return offset if found[1] == "+" else -offset
 
@@ -253,7 +284,7 @@ def _gps_time(day: object, clock: object) -> datetime | None:
     try:
         hours, minutes, seconds = (float(part) for part in clock)
         midnight = datetime.strptime(_text(day), "%Y:%m:%d").replace(tzinfo=UTC)
-        if not 0 <= 3600 * hours + 60 * minutes + seconds < 86400:
+        if not (_YEARS[0] <= midnight.year <= _YEARS[1] and 0 <= 3600 * hours + 60 * minutes + seconds < 86400):
             return None
         return midnight + timedelta(hours=hours, minutes=minutes, seconds=seconds)
     except (TypeError, ValueError, ArithmeticError):

@@ -12,9 +12,12 @@ from celnav.errors import TimeError
 from celnav.sky.utc import parse_utc
 
 Stamp = Literal["start", "middle", "end"]
-# Times of position fixes can be minutes old, and clocks slightly wrong; zones differ from UTC by multiples of a quarter hour.
-_QUARTER_S = 900.0
+# Times of position fixes can be minutes old, and clocks slightly wrong.
 _MOST_STALE_S = 240.0
+# Offsets of the zones in use, whole hours and others, in minutes (IANA's database since 2000). Among all multiples of a
+# quarter hour, a fix a quarter of an hour old would give a zone that nobody has.
+_ODD_ZONES_MIN = (-570, -270, -210, -150, 210, 270, 330, 345, 390, 510, 525, 570, 585, 630, 690, 765, 825)
+_ZONES_MIN = (*range(-720, 841, 60), *_ODD_ZONES_MIN)
 
 
 @dataclass(frozen=True)
@@ -91,8 +94,8 @@ def _on_the_clock(tags: PhotoTags, taken: datetime, time_zone: str | None) -> tu
         ]
     if tags.gps_utc is not None:
         apart_s = (taken.replace(tzinfo=UTC) - tags.gps_utc).total_seconds()
-        offset = timedelta(seconds=_QUARTER_S * round(apart_s / _QUARTER_S))
-        if abs(apart_s - offset.total_seconds()) <= _MOST_STALE_S and abs(offset) <= timedelta(hours=14):
+        offset = timedelta(minutes=min(_ZONES_MIN, key=lambda minutes: abs(60 * minutes - apart_s)))
+        if abs(apart_s - offset.total_seconds()) <= _MOST_STALE_S:
             return taken.replace(tzinfo=timezone(offset)), [
                 f"time {shown} of the camera's clock at UTC{_offset_text(offset)}, by its difference from the tag of GPS time"
             ]

@@ -16,7 +16,7 @@ from celnav.attitude import Attitude
 from celnav.camera import Camera
 from celnav.checking import shown
 from celnav.command.answer import Answer, attitude_of
-from celnav.command.attitude_option import read_attitude
+from celnav.command.attitude_option import is_of_gravity, read_attitude
 from celnav.command.camera_file import read_camera_file
 from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
@@ -66,13 +66,14 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Lens:
-    """The camera, its source, and whether it has been calibrated."""
+    """The camera, its source, whether it has been calibrated, and whether it follows from tags or a stated focal length."""
 
     camera: Camera
     described: str
     calibrated: bool
     assumed: tuple[str, ...]
     warnings: tuple[str, ...] = ()
+    of_tags: bool = False
 
 
 def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
@@ -130,6 +131,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             sigmas=sigmas,
         )
         fix = _with_hint_of_a_mirror(fix, detections, lens.camera, moment.utc, arguments.time_limit_s)
+        fix = _with_hint_of_other_lens(fix, lens, detections)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
         wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"
@@ -188,6 +190,21 @@ def _with_hint_of_a_mirror(
     return replace(fix, message=f"{fix.message}; {MIRRORED}") if named.reason is Reason.VERTICAL_REQUIRED else fix
 
 
+def _with_hint_of_other_lens(fix: Fix, lens: _Lens, detections: Detections) -> Fix:
+    """Add a remedy to the message if no star can be identified with the focal length of tags or options.
+
+    A picture that was cropped, or taken with digital zoom, keeps the tags of the whole sensor.
+    """
+    if not lens.of_tags or fix.reason not in NAMES_NO_STAR or len(detections) < FEWEST_TO_MIRROR:
+        return fix
+    if MIRRORED in fix.message:  # found with this very focal length
+        return fix
+    remedy = "give --camera unknown, which finds field and lens from the stars"
+    return replace(
+        fix, message=f"{fix.message}; if the picture was cropped or zoomed, that focal length is not its own: {remedy}"
+    )
+
+
 def _near(text: str | None, solver: str) -> LastKnown | None:
     """Read the option ``--near``."""
     if text is None:
@@ -226,7 +243,7 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
         photo = photo_camera(tags, arguments.focal_length_mm, arguments.sensor_width_mm)
         options = arguments.focal_length_mm is not None or arguments.sensor_width_mm is not None
         described = "from the options" if options else "from the image's EXIF tags"
-        return _Lens(photo.camera, described, False, photo.assumed, photo.warnings)
+        return _Lens(photo.camera, described, False, photo.assumed, photo.warnings, of_tags=True)
     if arguments.focal_length_mm is not None or arguments.sensor_width_mm is not None:
         raise CameraError("--focal-length-mm and --sensor-width-mm go without --camera, which says both")
     file = read_camera_file(arguments.camera, (tags.width, tags.height))
@@ -252,7 +269,7 @@ def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | S
 def _of_attitude(text: str, attitude: Attitude | None, tags: PhotoTags) -> list[str]:
     """Describe the assumptions about the attitude."""
     sentences = []
-    if attitude is not None and text.lstrip().startswith("exif"):
+    if attitude is not None and is_of_gravity(text):
         sentences.append(
             f"the vertical is that of the telephone's accelerometer (EXIF maker note), to {attitude.tilt_deg:g} deg: a "
             f"position to some {111 * attitude.tilt_deg:.0f} km"

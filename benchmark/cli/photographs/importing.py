@@ -36,7 +36,8 @@ Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; empty o
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a dataset of other photographs.")]
 Name = Annotated[str, typer.Option("--name", help="Name of the dataset; default: that of the folder.")]
 Gain = Annotated[
-    float | None, typer.Option("--gain", min=0, help="Electrons per DN, where known; the stars' electrons follow.")
+    float | None,
+    typer.Option("--gain", min=0, help="Electrons per DN of the files, where known; the stars' electrons follow."),
 ]
 
 
@@ -50,7 +51,7 @@ def photos(
         Path,
         typer.Argument(
             metavar="DIR",
-            help="Folder of photographs of one camera: FITS (also .bz2, .gz), PNG, TIFF, JPEG, raw files.",
+            help="Folder of photographs of one camera: FITS (also .bz2, .gz, .fz), PNG, TIFF, JPEG, HEIC, raw files.",
         ),
     ],
     site: Annotated[
@@ -82,16 +83,19 @@ def photos(
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset from photographs taken at one place."""
-    from benchmark.importing.photographs import Clock, photographs_in, read_times
+    from benchmark.importing.photographs import Clock, check_names, photographs_in, read_times
     from benchmark.importing.told import read_told
     from benchmark.importing.write import Import
     from benchmark.place import Place
 
     try:
+        files = photographs_in(folder)
         clock = Clock(time_zone, stamp.value, exposure_s, {} if times is None else read_times(times))
+        if times is not None:
+            check_names(clock.table, files, times)
         given = Import(
             name or folder.resolve().name,
-            photographs_in(folder),
+            files,
             Place(*site),
             read_told(camera, attitude),
             clock,

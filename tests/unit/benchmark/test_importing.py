@@ -35,7 +35,15 @@ from benchmark.errors import PhotographError
 from benchmark.frames.dataset import open_dataset
 from benchmark.importing import raw_file
 from benchmark.importing.known_sky import known_sky
-from benchmark.importing.photographs import Clock, as_dn, photographs_in, read_photograph, read_times
+from benchmark.importing.photographs import (
+    Clock,
+    as_dn,
+    check_names,
+    full_pixels,
+    photographs_in,
+    read_photograph,
+    read_times,
+)
 from benchmark.importing.photometry import measure_light
 from benchmark.importing.rms import calibrate_night, read_night
 from benchmark.importing.star_truth import find_pointing
@@ -45,6 +53,7 @@ from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.geodesy import geodesic_km
 from benchmark.judge.star_id import score_matches
 from benchmark.place import Place
+from celnav.command.exif import read_raw_tags
 from celnav.sky.utc import parse_utc
 from generator.errors import GeneratorError
 from generator.frame.record import STAR_SCHEMA
@@ -144,6 +153,29 @@ def test_a_dataset_that_is_there_is_left_and_another_is_not_replaced_unasked(dat
         import_photographs(given, tmp_path)
 
 
+def test_files_of_others_are_never_deleted(dataset: Path, tmp_path: Path) -> None:
+    """Frames of a film are often named as those of a dataset are."""
+    mine = write_fits(tmp_path / "frame-0001.fits")
+    with pytest.raises(PhotographError, match="the photographs themselves"):
+        import_photographs(Import("night", [mine], PLACE, TOLD), tmp_path)
+    assert mine.exists()
+    given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
+    for name in ("frame-0001.fits", "frame-00001.png", "frame-00000.json", "stars.parquet"):
+        folder = tmp_path / f"of-{name}"
+        folder.mkdir()
+        (folder / name).write_text("{}")
+        with pytest.raises(PhotographError, match="other files"):
+            import_photographs(given, folder, overwrite=True)
+        assert (folder / name).read_text() == "{}"
+
+
+def test_an_interrupted_import_is_made_again(dataset: Path, tmp_path: Path) -> None:
+    given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
+    import_photographs(given, tmp_path)
+    (tmp_path / "frames-manifest.json").unlink()
+    assert len(import_photographs(dataclasses.replace(given, name="other"), tmp_path)) == 1
+
+
 def test_a_damaged_dataset_is_made_again(dataset: Path, tmp_path: Path) -> None:
     given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
     import_photographs(given, tmp_path)
@@ -194,7 +226,13 @@ def test_rendered_stars_may_have_no_empty_cells(tmp_path: Path) -> None:
         (np.array([[0, 255]], np.uint8), [0, 255], 1.0, 0.0),
         (np.array([[[1, 2, 3], [250, 250, 250]]], np.uint8), [6, 750], 1.0, 0.0),
         (np.array([[0.0, 0.5]]), [0, 32768], 65535.0, 0.0),
-        (np.array([[-2.5, 100.0]]), [0, 103], 1.0, 3.0),
+        (np.array([[-2.5, 1000.0]]), [0, 1003], 1.0, 3.0),
+        (np.array([[-2.0, 100.0]]), [0, 102], 1.0, 2.0),
+        # Stretched and calibrated pictures leave 0 to 1 by a little, and colours of 0 to 1 reach 3.
+        (np.array([[-0.125, 0.5, 1.25]]), [0, 20480, 45056], 32768.0, 4096.0),
+        (np.array([[[0.5, 0.5, 0.25], [1.0, 1.0, 1.0]]], np.float32), [20480, 49152], 16384.0, 0.0),
+        (np.array([[0.5, 255.5]]), [128, 65408], 256.0, 0.0),
+        (np.array([[5000.25, 5001.0]]), [40002, 40008], 8.0, 0.0),
     ],
 )
 def test_values_become_dn(values: np.ndarray, dn: list[int], scale: float, offset: float) -> None:
@@ -268,6 +306,66 @@ def test_a_table_of_times_comes_before_tags(tmp_path: Path) -> None:
         read_times(table)
 
 
+def test_stars_of_full_pixels_are_saturated(tmp_path: Path) -> None:
+    """Colours are added, so that the sum of three full ones is far below the largest number of its bits."""
+    write_jpeg(tmp_path / "a.jpg", "2020:01:15 21:00:00")
+    import_photographs(Import("night", [tmp_path / "a.jpg"], PLACE, TOLD, OSLO), tmp_path / "out")
+    stars = pq.read_table(tmp_path / "out/stars.parquet").to_pandas()
+    known = stars[stars["snr"].notna()]
+    assert known[known["v_mag"] < 2.5]["saturated"].all()
+    # Some stand next to a bright one.
+    assert known[known["v_mag"] > 6]["saturated"].mean() < 0.05
+    one_colour = np.zeros((2, 3, 3), np.uint8)
+    one_colour[1, 2] = 10, 255, 20
+    assert np.argwhere(full_pixels(one_colour)).tolist() == [[1, 2]]
+    assert np.argwhere(full_pixels(np.array([[0.5, 1.0]]))).tolist() == [[0, 1]]
+
+
+def test_electrons_follow_from_the_files_numbers(tmp_path: Path) -> None:
+    for name, factor in (("plain", 1), ("halved", 8)):
+        path = write_fits(tmp_path / f"{name}.fits", standin().astype(np.int32) * factor)
+        given = Import(name, [path], PLACE, TOLD, gain_e_per_dn=2.0 / factor)
+        import_photographs(given, tmp_path / name)
+    plain, halved = (pq.read_table(tmp_path / name / "stars.parquet").to_pandas() for name in ("plain", "halved"))
+    record = json.loads((tmp_path / "halved/frame-00000.json").read_text())
+    assert record["sensor"]["gain_e_per_dn"] == 0.25 / record["photograph"]["scale"]
+    assert record["photograph"]["scale"] < 1
+    bright = plain["v_mag"] < 4
+    np.testing.assert_allclose(halved["electrons_e"][bright], plain["electrons_e"][bright], rtol=1e-3)
+
+
+def test_the_sky_of_a_mosaic_may_be_coloured(tmp_path: Path) -> None:
+    picture = standin().astype(np.float64)
+    picture[0::2, 0::2] *= 0.5
+    picture[1::2, 1::2] *= 0.4
+    write_dng(tmp_path / "a.dng", np.clip(picture, 0, 4095).astype(np.uint16))
+    clock = Clock(table={"a.dng": (UTC_MID, EXPOSURE_S)})
+    (made,) = import_photographs(Import("raw", [tmp_path / "a.dng"], PLACE, TOLD, clock), tmp_path / "out")
+    assert made.stars > 50
+    assert made.turned_deg == pytest.approx(WANDER_DEG, abs=0.02)
+
+
+def test_a_table_is_of_these_photographs(tmp_path: Path) -> None:
+    table, files = tmp_path / "times.csv", [tmp_path / "a.jpg", tmp_path / "b.jpg"]
+    rows = "{0},2021-02-03T04:05:06Z,2.5\n"
+    # Spreadsheets begin their files with a byte order mark.
+    table.write_text("\ufefffile,utc_mid,exposure_s\n" + rows.format("a.jpg"), encoding="utf-8")
+    check_names(read_times(table), files, table)
+    for name, words in (("B.JPG", "the photograph is b.jpg"), ("c.jpg", "none of the photographs, such as a.jpg")):
+        table.write_text("file,utc_mid,exposure_s\n" + rows.format(name), encoding="utf-8")
+        with pytest.raises(PhotographError, match=words):
+            check_names(read_times(table), files, table)
+    table.write_text("file,utc_mid,exposure_s\n" + 2 * rows.format("a.jpg"), encoding="utf-8")
+    with pytest.raises(PhotographError, match=r"line 3: a\.jpg is listed twice"):
+        read_times(table)
+
+
+def test_packed_tiles_are_photographs_and_hidden_files_are_not(tmp_path: Path) -> None:
+    for name in ("a.fits.fz", "b.FITS.GZ", "._b.fits.gz", "._c.jpg", "notes.gz"):
+        (tmp_path / name).touch()
+    assert [path.name for path in photographs_in(tmp_path)] == ["a.fits.fz", "b.FITS.GZ"]
+
+
 def test_a_raw_file_gives_its_mosaic(tmp_path: Path) -> None:
     mosaic = np.random.default_rng(3).integers(0, 4000, (64, 96)).astype(np.uint16)
     write_dng(tmp_path / "a.dng", mosaic)
@@ -278,6 +376,22 @@ def test_a_raw_file_gives_its_mosaic(tmp_path: Path) -> None:
     (tmp_path / "b.dng").write_bytes((tmp_path / "a.dng").read_bytes()[:300])
     with pytest.raises(PhotographError, match=r"b\.dng"):
         read_photograph(tmp_path / "b.dng", clock)
+
+
+def test_raw_files_say_when_they_were_taken_whichever_way_they_were_held(tmp_path: Path) -> None:
+    """As telephones write DNG, the mosaic first, and as others do, a preview first; with the tags of TIFF/EP and of Exif."""
+    mosaic = np.random.default_rng(3).integers(0, 4000, (64, 96)).astype(np.uint16)
+    tags = [(274, "H", 1, 8, True), (0x9003, "s", 20, "2020:01:15 21:00:00", True), (0x829A, "2I", 1, (10, 1), True)]
+    read = read_photograph(write_dng(tmp_path / "a.dng", mosaic, tags), OSLO)
+    assert (read.utc_mid, read.exposure_s, read.pixels.shape) == (UTC_MID, 10.0, (64, 96))
+    exif = Image.Exif()
+    exif[274] = 8
+    exif.get_ifd(0x8769).update({0x9003: "2020:01:15 21:00:00", 0x829A: 10.0})
+    Image.new("RGB", (16, 12)).save(tmp_path / "b.nef", format="TIFF", exif=exif.tobytes())
+    found = read_raw_tags(tmp_path / "b.nef")
+    assert (str(found.taken), found.exposure_s, found.orientation) == ("2020-01-15 21:00:00", 10.0, 1)
+    (tmp_path / "c.raf").write_bytes(b"FUJIFILMCCD-RAW " * 9)
+    assert read_raw_tags(tmp_path / "c.raf").taken is None
 
 
 def test_a_large_raw_file_is_refused_before_it_is_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
+from photograph_files import write_ff
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
 from benchmark.errors import PhotographError
-from benchmark.twin.photograph import read_photograph
+from benchmark.twin.photograph import name_of, read_photograph
+from benchmark.twin.scene import read_scene
 from celnav.detecting import fits_file
+from generator.scenario.shipped import find_scenario
 
 SHIPPED = Path(__file__).parents[2] / "data" / "allsky"
 HEADER = {
@@ -116,6 +119,37 @@ def test_a_file_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path, m
     monkeypatch.setattr(fits_file, "MAX_BYTES", 5000)
     with pytest.raises(PhotographError, match=r"large\.fits\.bz2 is larger than"):
         read_photograph(packed)
+
+
+def test_photographs_have_names_of_their_own(tmp_path: Path) -> None:
+    names = ("2021.03.04-001.fits", "2021.03.04-002.FITS.BZ2", "008.fits.bz2", "a.b.fit", "c.fits.fz")
+    assert [name_of(Path(name)) for name in names] == ["2021-03-04-001", "2021-03-04-002", "008", "a-b", "c"]
+    paths = [str(tmp_path / night / "001.fits") for night in ("one", "two")]
+    told = CliRunner().invoke(app, ["twin", *paths, "--scene", "observatory_allsky", "--out", str(tmp_path / "out")])
+    assert told.exit_code == 2
+    assert "twin-001" in told.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_ground_of_stacks_needs_a_scene_that_makes_them(tmp_path: Path) -> None:
+    """The place of a stack is the scene's, and so are the grey values of its dark level."""
+    stack = write_ff(tmp_path, "FF_XX0001_20200102_030405_000_0000000.fits", np.zeros((1040, 1392), np.uint8))
+    arguments = ["twin", str(stack), "--scene", "observatory_allsky", "--ground", str(tmp_path / "ground.png")]
+    told = CliRunner().invoke(app, arguments)
+    assert told.exit_code == 2
+    assert "needs a scene whose sensor makes video" in told.output.replace("\n", " ")
+
+
+def test_a_ground_of_nothing_is_said(tmp_path: Path) -> None:
+    """The place of a stack is the scene's."""
+    camera = read_scene(find_scenario(Path("meteor"))).camera
+    even = np.full((camera.height, camera.width), 60, np.uint8)
+    stack = write_ff(tmp_path, "FF_XX0001_20200102_030405_000_0000000.fits", even)
+    ground = tmp_path / "ground.png"
+    told = CliRunner().invoke(app, ["twin", str(stack), "--scene", "meteor", "--ground", str(ground)])
+    assert told.exit_code == 0, told.output
+    assert "no ground is found" in told.output
+    assert ground.is_file()
 
 
 def test_the_shipped_photographs_are_read() -> None:

@@ -4,14 +4,19 @@ import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from celnav.attitude import Attitude
 from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
+from celnav.command.solving import MIRRORED, _Lens, _of_attitude, _with_hint_of_other_lens
+from celnav.detection import Detections
 from celnav.errors import CameraError, ImageError, TimeError
+from celnav.fix import Fix, Reason
 
 TAKEN = datetime(2023, 10, 14, 22, 0, 0)
 TAGS = PhotoTags(6000, 4000, taken=TAKEN, exposure_s=8.0, focal_length_mm=24.0, focal_length_35mm=24.0)
@@ -53,6 +58,9 @@ def test_tags_of_a_photograph(tmp_path, suffix) -> None:
         ({0x0112: 99}, {0x9003: "2023:02:30 22:00:00", 0x829A: IFDRational(1, 0), 0x920A: IFDRational(0, 1)}, {}),
         ({}, {0x9003: "yesterday", 0x9011: "+99:00", 0xA405: "wide"}, {29: "2023:10:14", 7: (25, 0, 0)}),
         ({}, {0x9003: b"\xff\xfe", 0x9011: "CET"}, {29: "2023:10:14", 7: (IFDRational(1, 0), 0, 0)}),
+        # A clock whose battery is dead, an hour of 75 minutes, a second of three years, a receiver that never had a fix.
+        ({}, {0x9003: "0001:01:01 00:00:00", 0x9011: "+02:75"}, {29: "0001:01:01", 7: (0, 0, 0)}),
+        ({}, {0x9003: "9999:12:31 23:59:59", 0x829A: IFDRational(100_000_000, 1)}, {}),
     ],
 )
 def test_faulty_tags_count_as_absent(tmp_path, base, photo, gps) -> None:
@@ -113,6 +121,8 @@ def test_what_a_tagged_time_marks_says_nothing_of_a_told_one() -> None:
         ({}, None, "", "not known"),
         ({"gps_utc": datetime(2023, 10, 14, 16, 7, tzinfo=UTC)}, None, None, "give --time-zone"),
         ({"gps_utc": datetime(2023, 10, 10, 16, 0, tzinfo=UTC)}, None, None, "give --time-zone"),
+        # A fix a quarter of an hour old: nobody's zone is 2 h 15 min ahead of UTC.
+        ({"gps_utc": datetime(2023, 10, 14, 19, 45, tzinfo=UTC)}, None, None, "give --time-zone"),
         ({"taken": datetime(2023, 10, 29, 2, 30)}, None, "Europe/Berlin", r"\+02:00 or \+01:00"),
         ({"taken": datetime(2023, 3, 26, 2, 30)}, None, "Europe/Berlin", r"\+01:00 or \+02:00"),
     ],
@@ -173,3 +183,23 @@ def test_wide_lenses_are_warned_of() -> None:
 def test_a_camera_that_is_not_known_is_refused(changes, options, message) -> None:
     with pytest.raises(CameraError, match=message):
         photo_camera(replace(TAGS, **changes), **options)
+
+
+def test_a_cropped_picture_has_a_remedy() -> None:
+    seen = Detections(np.arange(24.0).reshape(12, 2), np.ones(12), (48, 64), None)
+    nothing = Fix.refusal(Reason.NO_HYPOTHESIS, "none")
+    camera = photo_camera(TAGS).camera
+    by_tags, by_file = (_Lens(camera, "", False, (), of_tags=by) for by in (True, False))
+    assert "none; if the picture was cropped" in _with_hint_of_other_lens(nothing, by_tags, seen).message
+    assert "--camera unknown" in _with_hint_of_other_lens(nothing, by_tags, seen).message
+    assert _with_hint_of_other_lens(nothing, by_file, seen) is nothing
+    few = Fix.refusal(Reason.TOO_FEW_DETECTIONS, "few")
+    assert _with_hint_of_other_lens(few, by_tags, seen) is few
+    mirrored = Fix.refusal(Reason.NO_HYPOTHESIS, f"none; {MIRRORED}")
+    assert _with_hint_of_other_lens(mirrored, by_tags, seen) is mirrored
+
+
+def test_only_the_accelerometers_vertical_is_said_to_be_one() -> None:
+    attitude = Attitude.up([0.0, 0.0, 1.0], 0.6)
+    assert "accelerometer" in _of_attitude("exif, tilt_sigma=0.6", attitude, TAGS)[0]
+    assert _of_attitude("exif_mount.json", attitude, TAGS) == []
