@@ -14,7 +14,7 @@ from celnav.calibrating.beside_axis import SURE_PX, follows, lens_outwards, scat
 from celnav.calibrating.blind_start import PASSES, Start, find_start, identify_with, is_mirrored, is_narrow
 from celnav.calibrating.bundle import Bundle, adjust
 from celnav.calibrating.frames import CalibrationFrame, Sky, sky_over
-from celnav.calibrating.growth import GENERAL, grow, observations
+from celnav.calibrating.growth import grow, observations
 from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, JointFit, NothingNamedError, refine
 from celnav.calibrating.star_matching import match_frame
 from celnav.errors import CalibrationError
@@ -167,6 +167,6 @@ def fit_all(field: Field, guess: Start | None = None) -> tuple[list[int], Field,
     part = field.take(used)
     bundle = replace(lens, rotations=np.stack([attitudes[i] for i in used]), cov=None)
     group = np.arange(len(used))
-    form = replace(GENERAL, decentring=True)
+    form = replace(lens.form, decentring=True)
     bundle = replace(bundle, form=form, values=np.append(bundle.values, [0.0, 0.0]))
     return used, part, refine(part, bundle, group, held_back=True)

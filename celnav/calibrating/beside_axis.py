@@ -79,16 +79,18 @@ def starts_beside(start: Start) -> Iterator[Start]:
     The plate scale at the centre is the geometric mean of the radial and the tangential scale.
     """
     camera = start.camera
+    aspect = math.sqrt(camera.fy_px / camera.f_px)
     for away in _AWAY_RAD:
-        f_px = math.sqrt(camera.f_px * camera.fy_px * away / math.sin(away))
+        f_px = math.sqrt(camera.f_px * camera.fy_px * away / math.sin(away)) / aspect
+        fy_px = f_px * aspect**2
         for turn in np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS:
             u, v = math.cos(turn), math.sin(turn)
             beside = replace(
                 camera,
                 f_px=f_px,
-                fy_px=f_px,
+                fy_px=fy_px,
                 cx_px=camera.cx_px - away * f_px * u,
-                cy_px=camera.cy_px - away * f_px * v,
+                cy_px=camera.cy_px - away * fy_px * v,
             )
             rotation = rotation_of(away * np.array([-v, u, 0.0])) @ start.rotation
             yield replace(start, camera=beside, rotation=rotation)

@@ -21,7 +21,7 @@ from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, star
 from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of
 from celnav.calibrating.scatter.residual_pattern import residual_pattern, star_cells
 from celnav.camera import Camera
-from celnav.checking import finite_number
+from celnav.checking import finite_number, shown
 from celnav.errors import CalibrationError, ConfigError
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
@@ -56,7 +56,8 @@ def calibrate(
     height_m, pressure_hpa, temperature_c : float
         Height above sea level, and air for refraction; pressure and temperature follow from the height unless given.
     camera : Camera, optional
-        A guess whose focal length is within 6 %. Without one, field and projection law are searched for.
+        A guess whose focal length is within 6 %, of the frames' size. Without one, field and projection law are searched for,
+        with square pixels; if `fy_px` differs from `f_px`, the pixels are taken to be as oblong.
     models : sequence of str, optional
         Projection laws to choose among; all of `celnav.calibrating.lens_form.LAWS` unless given.
     form : LensForm, optional
@@ -80,13 +81,15 @@ def calibrate(
         For invalid options.
     """
     frames = list(frames)
-    _check(frames, mount)
+    _check(frames, mount, camera, form)
     site = Site(
         finite_number(lat_deg, "lat_deg", ConfigError, -90, 90),
         finite_number(lon_deg, "lon_deg", ConfigError, -360, 360),
         usual_weather(height_m, pressure_hpa, temperature_c),
     )
     chosen_models = LAWS if models is None else tuple(models)
+    if not chosen_models:
+        raise ConfigError("models is empty: name at least one law")
     if unknown := [model for model in chosen_models if model not in LAWS]:
         raise ConfigError(f"lens model {unknown[0]!r} is not known; known: {', '.join(LAWS)}")
     skies = [sky_over(site, frame.utc) for frame in frames]
@@ -110,12 +113,24 @@ def calibrate(
     return _described(part, fit, form, judged, night, left_out, steady)
 
 
-def _check(frames: list[CalibrationFrame], mount: str) -> None:
+def _check(frames: list[CalibrationFrame], mount: str, camera: Camera | None, form: LensForm | None) -> None:
     if not frames:
         raise CalibrationError("no frames: a calibration needs at least one")
+    if not all(isinstance(frame, CalibrationFrame) for frame in frames):
+        raise ConfigError("frames must be celnav.CalibrationFrame, each with detections, time and size")
+    if form is not None and not isinstance(form, LensForm):
+        raise ConfigError(f"form = {shown(form)} must be a celnav.calibrating.lens_form.LensForm")
+    if camera is not None and not isinstance(camera, Camera):
+        raise ConfigError(f"camera = {shown(camera)} must be a celnav.Camera")
     if len({frame.size for frame in frames}) > 1:
         sizes = sorted({f"{width} x {height}" for width, height in (frame.size for frame in frames)})
         raise CalibrationError(f"frames are of different sizes ({', '.join(sizes)}): calibrate each camera by itself")
+    if camera is not None and (camera.width, camera.height) != frames[0].size:
+        width, height = frames[0].size
+        raise CalibrationError(
+            f"the camera has {camera.width} x {camera.height} pixels and the frames have {width} x {height}: scale its focal "
+            "length and principal point to the frames, or leave it out"
+        )
     if mount not in ("auto", "night", "frame"):
         raise ConfigError(f"mount = {mount!r} must be auto, night or frame")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -93,12 +94,19 @@ def scenario_text(
         "seed: 0",
         "time:",
         f"  utc_start: {utc}",
-        f"  exposure_s: {exposure_s!r}",
+        f"  exposure_s: {_yaml(exposure_s)}",
     ]
     for title, section in sections.items():
-        lines += [f"{title}:", *(f"  {name}: {json.dumps(value)}" for name, value in section.items())]
+        lines += [f"{title}:", *(f"  {name}: {_yaml(value)}" for name, value in section.items())]
     lines += ["sky:", "  bortle: 4"]
     return "\n".join(lines) + "\n"
+
+
+def _yaml(value: object) -> str:
+    """Write a value so that YAML 1.1 reads the same: a number with an exponent but no decimal point would be text."""
+    return (
+        re.sub(r"(?<![\d.])(-?\d+)e", r"\1.0e", json.dumps(value)) if not isinstance(value, str) else json.dumps(value)
+    )
 
 
 def _turning_px(camera: Camera) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,14 @@ FEWEST = 12
 
 
 def grow(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
-    """Fit lens and attitude of one frame from its centre outwards."""
+    """Fit lens and attitude of one frame from its centre outwards; with an aspect if the start has one."""
     width, height = frame.size
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    form = GENERAL
     camera = start.camera
-    values = np.array([math.sqrt(camera.f_px * camera.fy_px), camera.cx_px, camera.cy_px, 0.0, 0.0, 0.0, 0.0])
+    square = camera.fy_px == camera.f_px
+    form = replace(GENERAL, aspect=not square)
+    focal = [math.sqrt(camera.f_px * camera.fy_px)] if square else [camera.f_px, camera.fy_px]
+    values = np.array([*focal, camera.cx_px, camera.cy_px, 0.0, 0.0, 0.0, 0.0])
     expected = CENTRE_SIGMA * max(frame.size) if is_narrow(camera) else math.inf
     bundle = Bundle(form, frame.size, values, start.rotation[None], centre_sigma_px=expected)
     corner, reach, radius = math.hypot(width, height) / 2, start.reach_px, _WIDEST_RADIUS_PX

@@ -111,7 +111,8 @@ def choose_form(
             if form not in losses and (in_opencv(form) or not opencv_only):
                 losses[form] = held_out_loss(bundle, form, seen, group, fold)
 
-    radial = radial_forms(widest, models)
+    # Pixels known not to be square are so for every law.
+    radial = [replace(form, aspect=bundle.form.aspect) for form in radial_forms(widest, models)]
     judge(radial)
     narrow = widest < NARROW_RAD
     # If decentring is large, radial forms cannot be compared without it. In a narrow field it cannot be separated from the

@@ -32,7 +32,8 @@ SAME_NIGHT_H = 12.0
 """At this many hours or more from all frames, the attitude is that for another night."""
 LEAST_SIGMA_DEG = 1e-4
 """Least standard deviation of a frame's attitude: a third of an arcsecond, like star positions and refraction."""
-MOST_FRAMES = 1000
+MOST_FRAMES = 2000
+"""Most frames of a calibration file, as many as a calibration takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +120,15 @@ def read_measured(path: str | Path) -> tuple[AttitudeInTime, ...]:
     Raises
     ------
     AttitudeError
-        When the attitude of a frame is malformed.
+        When the attitude of a frame is malformed, or there are more than `MOST_FRAMES`.
     """
     record = json.loads(Path(path).read_text(encoding="utf-8"))
     calibration = record.get("calibration") if isinstance(record, dict) else None
     frames = calibration.get("frames") if isinstance(calibration, dict) else None
-    if not isinstance(frames, list) or len(frames) > MOST_FRAMES:
+    if not isinstance(frames, list):
         return ()
+    if len(frames) > MOST_FRAMES:
+        raise AttitudeError(f"attitude file {path}: more than {MOST_FRAMES} calibration frames")
     by_attitude: dict[Attitude, list[float]] = {}
     for number, frame in enumerate(frames):
         what = f"attitude file {path}: calibration frame {number}"
@@ -135,7 +138,10 @@ def read_measured(path: str | Path) -> tuple[AttitudeInTime, ...]:
             finite_number(frame.get(f"{name}_sigma_deg"), f"{what}: {name}_sigma_deg", AttitudeError, least=0.0)
             for name in ("tilt", "heading")
         )
-        known = Attitude.with_sigma(frame["R_cam"], tilt_deg=tilt, heading_deg=heading)
+        try:
+            known = Attitude.with_sigma(frame["R_cam"], tilt_deg=tilt, heading_deg=heading)
+        except AttitudeError as error:
+            raise AttitudeError(f"{what}: {error}") from None
         mjd = finite_number(frame.get("utc_mjd"), f"{what}: utc_mjd", AttitudeError)
         by_attitude.setdefault(known, []).append(mjd)
     return tuple(

@@ -72,6 +72,9 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
             return read_attitude_at(text, parse_utc(utc))
         except RecursionError:
             raise AttitudeError(f"attitude file {text} is nested too deep") from None
+        except AttitudeError as error:
+            named = str(error) if text in str(error) else f"attitude file {text}: {error}"
+            raise AttitudeError(named) from None
     angles = _angles(text)
     if "altitude" not in angles:
         raise AttitudeError(f"--attitude {text}: the altitude of the boresight is missing, such as altitude=45")

@@ -138,7 +138,7 @@ def _tree(path: Path) -> Mapping[str, Any]:
     if data is None:
         raise CameraError(f"camera file {path} is larger than {MAX_BYTES // 1_000_000} MB: is it a calibration?")
     try:
-        text = data.decode("utf-8")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise CameraError(f"camera file {path} is not a text file") from None
     try:
@@ -194,6 +194,10 @@ def _yaml(text: str) -> object:
 def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:
     """Read celnav's own format, in which ``hfov_deg`` may replace ``f_px``."""
     known = {str(name): value for name, value in record.items() if value is not None}
+    # `Camera` takes NaN as a value that is not given.
+    for name, value in known.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise CameraError(f"{name} = {value} must be a finite number; leave it out where it is not known")
     if size is not None and "width" not in known and "height" not in known:
         known["width"], known["height"] = size
     if "hfov_deg" not in known:
@@ -287,7 +291,7 @@ def _size(record: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[int,
     for name in ("image_size", "imageSize"):
         if name in record:
             values = _numbers(record[name], name)
-            if values.size != 2 or not (values == values.astype(int)).all():
+            if values.size != 2 or (values % 1).any():
                 raise CameraError(f"{name} must be width and height")
             return int(values[0]), int(values[1])
     if size is None:

@@ -20,13 +20,16 @@ from celnav.detection import Detections
 from celnav.errors import ConfigError
 from celnav.fix import Estimate, Fix, Reason
 from celnav.horizon import heading_contradicts, honest_place, horizontal_frame
+from celnav.identification.verification import rotation_of
 from celnav.position import Weather
 from celnav.problem import LastKnown, Solver, ToldSigmas
 from celnav.sequences.fixed_mount import EARTH_RAD_S, FixedMount, combine
 from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_oriented, terrestrial_orientation
+from celnav.sequences.lifted_sky import LiftedSky
 from celnav.sky.astrometry import enu_rotation
 from celnav.sky.utc import Utc, parse_utc
 from celnav.solver import solve
+from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA
 
 F8 = NDArray[np.float64]
 
@@ -52,10 +55,15 @@ class NightFix:
     heading_off_deg : float
         Difference between the heading that the stars imply and the supplied one; NaN if none was supplied.
     R_terrestrial_to_camera : ndarray, shape (3, 3), or None
-        Orientation relative to the Earth (ITRS) at the mean time.
+        Orientation relative to the Earth (ITRS) at the mean time. If no vertical is known, it contains the refraction, which
+        `attitude_at` removes.
     cov_rad2 : ndarray, shape (3, 3), or None
-        Covariance of its error as a small rotation in the camera frame, including wander of the mount, but not the error of
-        the clock.
+        Covariance of its error as a small rotation in the camera frame, including wander and drift of the mount, but not the
+        error of the clock.
+    clock_sigma_s : float
+        Standard deviation of the clock's offset.
+    lifted : LiftedSky or None
+        The refraction that the orientation contains; None if it was removed from the stars.
     wander_deg : float
         Scatter of the frames about each axis beyond their own covariances.
     axis_camera : ndarray, shape (3,), or None
@@ -85,6 +93,8 @@ class NightFix:
     heading_off_deg: float = math.nan
     R_terrestrial_to_camera: F8 | None = None
     cov_rad2: F8 | None = None
+    clock_sigma_s: float = 0.0
+    lifted: LiftedSky | None = None
     wander_deg: float = math.nan
     axis_camera: F8 | None = None
     axis_sigma_deg: float = math.nan
@@ -97,7 +107,10 @@ class NightFix:
     untold: tuple[str, ...] = ()
 
     def attitude_at(self, lat_deg: float, lon_deg: float) -> Attitude:
-        """Return the attitude of a camera at a known place, with the standard deviations of the night.
+        """Return the attitude of a camera at a known place, at any time of the night, with its standard deviations.
+
+        They include the clock's offset, the drift of a mount that moves, and the uncertainty of a refraction that is removed
+        only now.
 
         Raises
         ------
@@ -106,8 +119,14 @@ class NightFix:
         """
         if self.R_terrestrial_to_camera is None or self.cov_rad2 is None:
             raise ConfigError("no frame of the night was identified: there is no attitude")
+        pole = self.R_terrestrial_to_camera[:, 2]
+        cov = self.cov_rad2 + (EARTH_RAD_S * self.clock_sigma_s) ** 2 * np.outer(pole, pole)
         R_cam = self.R_terrestrial_to_camera @ enu_rotation(lat_deg, lon_deg).T
-        local = R_cam.T @ self.cov_rad2 @ R_cam
+        if self.lifted is not None:
+            turn = self.lifted.turn(R_cam[:, 2])
+            R_cam = rotation_of(turn) @ R_cam
+            cov = cov + self.lifted.relative_sigma**2 * np.outer(turn, turn)
+        local = R_cam.T @ cov @ R_cam
         tilt = math.degrees(math.sqrt(float(local[0, 0] + local[1, 1]) / 2))
         return Attitude.with_sigma(R_cam, tilt_deg=tilt, heading_deg=math.degrees(math.sqrt(float(local[2, 2]))))
 
@@ -232,16 +251,22 @@ class Night:
         # The errors of lens and air are the same in all frames of a stationary camera.
         mount = replace(mount, cov=mount.cov + np.mean([common[k] for k in mount.used], axis=0))
         used = tuple(rows[k] for k in mount.used)
+        without_vertical = self.attitude is None and self.pressure_hpa > 0
         night = NightFix(
             False,
             Reason.OK,
             R_terrestrial_to_camera=mount.rotation,
             cov_rad2=mount.cov,
+            clock_sigma_s=self.clock_sigma_s,
+            lifted=self._lifted(used) if without_vertical else None,
             wander_deg=math.degrees(mount.wander_rad),
             used=used,
             left_out=tuple(number for number in rows if number not in used),
         )
         night = _with_turn(night, mount)
+        if night.turn_chance < LEAST_CHANCE:
+            # A mount that moves during the night has also moved since its attitude was measured; or the clock drifts.
+            night = replace(night, cov_rad2=mount.cov + mount.drift_cov)
         return _in_words(self._placed(night, mount), mount, len(self._frames), self.clock_sigma_s)
 
     def _search_again(self, found: NightFix) -> bool:
@@ -273,6 +298,23 @@ class Night:
                 some = True
         return some
 
+    def _lifted(self, used: tuple[int, ...]) -> LiftedSky:
+        """Return the stars of the frames that were used, with the air that lifts them."""
+        places, weights = [], []
+        for number in used:
+            frame = self._frames[number]
+            rows = frame.fix.matches[:, 0]
+            seen = frame.detections
+            sigma_px = seen.sigma_px if isinstance(seen, Detections) else None
+            at = seen.uv if isinstance(seen, Detections) else np.asarray(seen, dtype=np.float64)
+            places.append(at[rows])
+            weights.append(np.ones(len(rows)) if sigma_px is None else sigma_px[rows] ** -2.0)
+        uv = np.concatenate(places)
+        rays, weight = self.camera.to_rays(uv), np.concatenate(weights) / self.camera.radians_per_px(uv) ** 2
+        good = np.isfinite(rays[:, 0]) & np.isfinite(weight)
+        relative = math.hypot(RELATIVE_SIGMA, self.sigmas.refraction(self.pressure_hpa, self.temperature_c))
+        return LiftedSky(rays[good], weight[good], Weather(self.pressure_hpa, self.temperature_c), relative)
+
     def _placed(self, night: NightFix, mount: FixedMount) -> NightFix:
         """Add position and latitude if the vertical is known."""
         attitude = self.attitude
@@ -282,10 +324,8 @@ class Night:
         assert isinstance(attitude, Attitude)
         pole = mount.rotation[:, 2]
         turned = EARTH_RAD_S * self.clock_sigma_s
-        cov = mount.cov + turned**2 * np.outer(pole, pole)
-        if night.turn_chance < LEAST_CHANCE:
-            # A mount that moves during the night has also moved since its attitude was measured; or the clock drifts.
-            cov = cov + mount.drift_cov
+        assert night.cov_rad2 is not None
+        cov = night.cov_rad2 + turned**2 * np.outer(pole, pole)
         place = honest_place(mount.rotation, cov, attitude)
         latitude = None
         if night.axis_camera is not None:

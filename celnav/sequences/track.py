@@ -17,7 +17,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.checking import bounded, check_fields, finite_number
+from celnav.checking import bounded, check_fields, finite_number, real_array
 from celnav.errors import ConfigError
 from celnav.fix import Fix
 from celnav.horizon import radii_km
@@ -30,6 +30,8 @@ F8 = NDArray[np.float64]
 KM_PER_DEG = math.pi / 180 * MEAN_RADIUS_KM
 # States: position error east, north (km); velocity east, north (km/s); mount tilt forward, right; heading bias (deg).
 _N = 7
+# Standard deviation of a heading from one frame, degrees: the effect of a centroid noise of 0.1 px at the edge.
+_HEADING_SIGMA_DEG = 0.02
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,8 @@ class TrackPoint:
     tilt_bias_deg : ndarray, shape (2,)
         Tilt of the mount forward and to the right, as the displacement of the fix in degrees of arc.
     heading_bias_deg : float
-        Heading that the stars imply minus the supplied one.
+        Heading of the mount minus the supplied one; without the turn of the meridian by the tilt, which `Fix.heading_off_deg`
+        contains.
     cov : ndarray, shape (7, 7)
         Covariance of position (east, north, km), velocity (km/s), tilt bias and heading bias (deg).
     used : bool
@@ -141,11 +144,17 @@ class Track:
         Returns
         -------
         TrackPoint or None
-            The present state; None for a refusal, and if the track would have to start with one.
+            The present state; None for a refusal, and for a fix without a covariance.
+
+        Raises
+        ------
+        ConfigError
+            For a fix before the previous one, and for numbers that are not finite or no covariance.
         """
         if not fix.ok or fix.cov_km2 is None:
             return None
         heading_deg = finite_number(heading_deg, "heading_deg", ConfigError)
+        _check_fix(fix)
         instant = parse_utc(utc)
         if self._start is None:
             self._start = instant
@@ -197,12 +206,30 @@ class Track:
         for step, after in zip(reversed(self._steps[:-1]), reversed(self._steps[1:]), strict=True):
             later = points[-1]
             filtered = step.filtered
-            gain = filtered.cov @ after.transition.T @ np.linalg.inv(after.predicted.cov)
+            gain = filtered.cov @ after.transition.T @ _inverse(after.predicted.cov)
             correction = gain @ _difference(later, after.predicted)
             turn = _carried(later.lat_deg, later.lon_deg, after.predicted.lat_deg, after.predicted.lon_deg)
             covariance = filtered.cov + gain @ (turn @ later.cov @ turn.T - after.predicted.cov) @ gain.T
             points.append(_shifted(filtered, correction, covariance))
         return tuple(reversed(points))
+
+
+def _check_fix(fix: Fix) -> None:
+    """Raise `ConfigError` unless the position of a fix and its covariance are such."""
+    finite_number(fix.lat_deg, "fix.lat_deg", ConfigError, -90.0, 90.0)
+    finite_number(fix.lon_deg, "fix.lon_deg", ConfigError)
+    assert fix.cov_km2 is not None
+    cov = real_array(fix.cov_km2, "fix.cov_km2", ConfigError)
+    if cov.shape != (2, 2) or not np.isfinite(cov).all() or np.linalg.eigvalsh(cov)[0] < 0:
+        raise ConfigError("fix.cov_km2 must be a covariance of two finite variances, km^2")
+
+
+def _inverse(cov: F8) -> F8:
+    """Return the inverse of a covariance; rows and columns of states that are known exactly are zero in both."""
+    free = np.flatnonzero(np.diag(cov) > 0)
+    inverse = np.zeros_like(cov)
+    inverse[np.ix_(free, free)] = np.linalg.inv(cov[np.ix_(free, free)])
+    return inverse
 
 
 def _elapsed_s(one: Utc, other: Utc) -> float:
@@ -295,14 +322,31 @@ def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float)
     distance = float(innovation @ np.linalg.solve(spread, innovation))
     if distance > gate:
         return replace(predicted, used=False, gate=distance)
-    if math.isfinite(fix.heading_off_deg) and predicted.cov[6, 6] > 0:
-        sigma = 0.02  # of a heading from one frame, degrees: the effect of a centroid noise of 0.1 px at the edge
-        observe = np.vstack((observe, np.eye(_N)[6]))
-        innovation = np.append(innovation, fix.heading_off_deg - predicted.heading_bias_deg)
-        noise = np.block([[noise, np.zeros((2, 1))], [np.zeros((1, 2)), np.full((1, 1), sigma**2)]])
-        spread = observe @ predicted.cov @ observe.T + noise
     gain = predicted.cov @ observe.T @ np.linalg.inv(spread)
     left = np.eye(_N) - gain @ observe
     # Joseph's form stays positive definite with the large initial covariance.
     covariance = left @ predicted.cov @ left.T + gain @ noise @ gain.T
-    return replace(_shifted(predicted, gain @ innovation, covariance), used=True, gate=distance)
+    corrected = replace(_shifted(predicted, gain @ innovation, covariance), used=True, gate=distance)
+    if math.isfinite(fix.heading_off_deg) and corrected.cov[6, 6] > 0:
+        return _with_heading(corrected, fix, s, c)
+    return corrected
+
+
+def _with_heading(point: TrackPoint, fix: Fix, sin_heading: float, cos_heading: float) -> TrackPoint:
+    """Correct the heading's bias by the heading that the stars imply.
+
+    A tilt moves the zenith, and the meridian turns by the tangent of the latitude times the move to the east. The tilt's
+    covariance is considered, but the tilt is not corrected (Schmidt 1966, Adv. Control Syst. 3, 293), since the error of the
+    supplied heading need not be constant, and would then pass for a tilt.
+    """
+    assert fix.cov_km2 is not None
+    steep = math.tan(math.radians(point.lat_deg))
+    observe = np.zeros(_N)
+    observe[4:6], observe[6] = (steep * sin_heading, steep * cos_heading), 1.0
+    noise = _HEADING_SIGMA_DEG**2 + steep**2 * float(fix.cov_km2[0, 0]) / KM_PER_DEG**2
+    off = fix.heading_off_deg - point.heading_bias_deg - float(observe[4:6] @ point.tilt_bias_deg)
+    gain = np.zeros(_N)
+    gain[6] = float(point.cov[6] @ observe) / (float(observe @ point.cov @ observe) + noise)
+    left = np.eye(_N) - np.outer(gain, observe)
+    covariance = left @ point.cov @ left.T + noise * np.outer(gain, gain)
+    return replace(point, heading_bias_deg=point.heading_bias_deg + float(gain[6]) * off, cov=covariance)

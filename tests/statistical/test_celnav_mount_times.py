@@ -13,6 +13,7 @@ import celnav
 from celnav.calibrating.mount import USUAL_WANDER_DEG, turned, turns_deg
 from celnav.calibrating.mount_times import MEMORY_H, AttitudeInTime, attitude_at, read_attitude_at
 from celnav.command.attitude_option import read_attitude
+from celnav.command.calibration_frames import MAX_FRAMES
 from celnav.errors import AttitudeError
 from celnav.identification.verification import rotation_of
 from celnav.sky.utc import parse_utc
@@ -99,5 +100,34 @@ def test_malformed_frames_are_named(tmp_path, changed, words):
     path = tmp_path / "camera.json"
     frame = {"utc_mjd": 6e4, "R_cam": np.eye(3).tolist(), "tilt_sigma_deg": 0.1, "heading_sigma_deg": 0.1} | changed
     path.write_text(json.dumps({"R_cam": np.eye(3).tolist(), "calibration": {"frames": [frame]}}))
-    with pytest.raises(AttitudeError, match=words):
+    with pytest.raises(AttitudeError, match=words) as refusal:
+        read_attitude_at(path, NOW)
+    assert f"{path}: calibration frame 0" in str(refusal.value)
+
+
+def test_an_attitude_that_is_none_is_refused_with_the_name_of_its_file(tmp_path):
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({"R_cam": [[1, 0, 0]] * 3}))
+    for utc in (None, "2022-09-14T23:00:00Z"):
+        with pytest.raises(AttitudeError, match="not a rotation") as refusal:
+            read_attitude(str(path), None, utc)
+        assert str(path) in str(refusal.value)
+
+
+def test_calibrations_of_many_frames_say_it_too(tmp_path):
+    """As many frames as a calibration takes."""
+    path = tmp_path / "camera.json"
+    frame = {"R_cam": MOUNT.tolist(), "tilt_sigma_deg": 0.001, "heading_sigma_deg": 0.001}
+    frames = [frame | {"utc_mjd": NOW.mjd + k / 86400} for k in range(MAX_FRAMES)]
+    path.write_text(
+        json.dumps(
+            {
+                "attitude": {"R_cam": MOUNT.tolist(), "tilt_sigma_deg": 0.017, "heading_sigma_deg": 0.017},
+                "calibration": {"frames": frames},
+            }
+        )
+    )
+    assert read_attitude_at(path, NOW).tilt_deg < 0.002
+    path.write_text(json.dumps({"R_cam": MOUNT.tolist(), "calibration": {"frames": [*frames, frames[0]]}}))
+    with pytest.raises(AttitudeError, match="more than 2000"):
         read_attitude_at(path, NOW)

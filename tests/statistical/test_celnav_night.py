@@ -126,13 +126,58 @@ def test_without_a_vertical_the_place_gives_the_attitude():
     found = night_of(np.linspace(0, 7200, 5), np.random.default_rng(7), attitude=None, pressure_hpa=0.0)
     assert (found.ok, found.reason) == (False, "vertical_required")
     attitude = found.attitude_at(LAT_DEG, LON_DEG)
-    # Refraction was not taken off: half an arcminute at most in the mean over this field.
+    # The frames have refraction, which a pressure of 0 leaves: half an arcminute at most in the mean over this field.
     assert np.degrees(np.linalg.norm(rotation_vector(attitude.R_cam @ R_CAM.T))) < 0.03
     assert 0 < attitude.tilt_deg < 0.02
     empty = celnav.Night(CAMERA, UP).fix()
     assert (empty.ok, empty.reason) == (False, "too_few_detections")
     with pytest.raises(celnav.CelnavError, match="no frame"):
         empty.attitude_at(LAT_DEG, LON_DEG)
+
+
+def attitude_error_deg(found, R_cam=R_CAM):
+    """Error of the attitude at the known place about east, north and up, over its standard deviations and in degrees."""
+    attitude = found.attitude_at(LAT_DEG, LON_DEG)
+    off = np.degrees(R_cam.T @ rotation_vector(attitude.R_cam @ R_cam.T))
+    return off / [attitude.tilt_deg, attitude.tilt_deg, attitude.heading_deg], off
+
+
+def test_the_place_removes_the_refraction_of_a_night_without_a_vertical():
+    """Refraction tilts this camera's nights by 0.02 deg, seven standard deviations; chi-squared of 24 degrees of freedom."""
+    errors = [
+        attitude_error_deg(night_of(np.linspace(0, 10800, 5), np.random.default_rng([8, seed]), attitude=None))
+        for seed in range(8)
+    ]
+    assert np.abs(np.mean([off for _, off in errors], axis=0)).max() < 0.004
+    assert np.sum(np.square([z for z, _ in errors])) < 57  # chi2.ppf(0.9999, 24) = 56.8
+
+
+def test_an_attitude_at_a_place_contains_the_error_of_the_clock():
+    """60 s are 0.25 deg about the Earth's axis."""
+    found = night_of(
+        np.linspace(0, 7200, 5),
+        np.random.default_rng(9),
+        attitude=None,
+        clock=lambda s: s + 60,
+        sigmas=celnav.ToldSigmas(utc_s=60.0),
+    )
+    z, off = attitude_error_deg(found)
+    assert np.linalg.norm(off) == pytest.approx(0.2507, abs=0.01)
+    assert np.abs(z).max() < 1.6
+
+
+def test_an_attitude_at_a_place_holds_through_a_night_of_drift():
+    """0.05 deg an hour about the camera's x axis, for three hours."""
+    found = night_of(
+        np.linspace(0, 10800, 6),
+        np.random.default_rng(10),
+        attitude=None,
+        mount=lambda s: turned([1, 0, 0], 0.05 * s / 3600),
+    )
+    for second in (0, 10800):
+        z, off = attitude_error_deg(found, turned([1, 0, 0], 0.05 * second / 3600) @ R_CAM)
+        assert np.linalg.norm(off) == pytest.approx(0.075, abs=0.01)
+        assert np.abs(z).max() < 3
 
 
 def draws(n, rng, sigma_rad, wander_rad, correlated=False):

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 import celnav
+from celnav.horizon import place_from_rotation
+from celnav.identification.verification import rotation_of
 from celnav.sequences.track import KM_PER_DEG, Track, TrackConfig, moved, offset_km
+from celnav.sky.astrometry import enu_rotation
 
 SIGMA_KM, BIAS_DEG = 0.3, np.array([0.06, -0.04])
 
@@ -108,6 +111,63 @@ def test_heading_bias_is_learnt_from_what_the_stars_say():
     for fix, utc, heading, _ in orbit(np.random.default_rng(6), n=20):
         track.update(dataclasses.replace(fix, heading_off_deg=0.7), utc, heading)
     assert track.points[-1].heading_bias_deg == pytest.approx(0.7, abs=0.02)
+
+
+@pytest.mark.parametrize("none", ["tilt_bias_sigma_deg", "heading_bias_sigma_deg", "speed_sigma_km_s"])
+def test_what_is_known_exactly_is_smoothed_too(none):
+    config = TrackConfig(bias_walk_deg=0.0, acceleration_km_s2=0.0, **{none: 0.0})
+    track, _ = run(np.random.default_rng(8), config, n=4, bias=np.zeros(2))
+    assert np.isfinite([point.lat_deg for point in track.smoothed()]).all()
+    place = track.smoothed()[-1]
+    np.testing.assert_allclose(place.cov, track.points[-1].cov)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"cov_km2": np.full((2, 2), math.nan)}, "cov_km2"),
+        ({"cov_km2": -np.eye(2)}, "cov_km2"),
+        ({"cov_km2": np.eye(3)}, "cov_km2"),
+        ({"lat_deg": math.nan}, "lat_deg"),
+    ],
+)
+def test_a_fix_without_numbers_is_refused_and_leaves_the_track_as_it_was(changed, words):
+    track = Track()
+    fix, utc, heading, _ = next(orbit(np.random.default_rng(5)))
+    with pytest.raises(celnav.CelnavError, match=words):
+        track.update(dataclasses.replace(fix, **changed), utc, heading)
+    assert track.points == ()
+
+
+def test_the_bias_of_the_heading_is_honest_beside_a_tilt():
+    """200 straight runs at 60 N, whose tilts turn the meridian by 0.17 deg: 4-sigma band of the mean square."""
+    rng = np.random.default_rng(9)
+    level = np.diag([-1.0, -1.0, 1.0])
+    squares = []
+    for _ in range(200):
+        tilt = rotation_of(np.radians([*(0.1 * rng.standard_normal(2)), 0.0]))
+        bias, heading = rng.standard_normal(), rng.uniform(0, 360)
+        track = Track()
+        for minute in range(10):
+            R_cam, true = (level @ rotation_of(np.radians([0.0, 0.0, h])) for h in (heading, heading + bias))
+            noise = rotation_of(np.radians([*(0.003 * rng.standard_normal(2)), 0.02 * rng.standard_normal()]))
+            seen = place_from_rotation(
+                noise @ tilt @ true @ enu_rotation(60.0, 10.0),
+                np.diag(np.radians([0.003, 0.003, 0.02]) ** 2),
+                celnav.Attitude.with_sigma(R_cam, tilt_deg=0.0, heading_deg=1.0),
+            )
+            fix = celnav.Fix(
+                True,
+                celnav.Reason.OK,
+                "",
+                seen.lat_deg,
+                seen.lon_deg,
+                seen.cov_km2,
+                heading_off_deg=seen.heading_off_deg,
+            )
+            point = track.update(fix, f"2024-03-01T00:{minute:02d}:00Z", heading)
+        squares.append((point.heading_bias_deg - bias) ** 2 / point.cov[6, 6])
+    assert 1 - 4 * math.sqrt(2 / 200) < np.mean(squares) < 1 + 4 * math.sqrt(2 / 200)
 
 
 def crossing(rng, lat_sign, beside_km):

@@ -131,6 +131,19 @@ def test_generator_takes_the_scenario(calibrated, tmp_path):
     assert frame.R_cam == pytest.approx(calibrated.mount.R_cam, abs=1e-9)
 
 
+def test_a_scenario_holds_numbers_that_yaml_would_take_for_text(tmp_path):
+    from generator.scenario.file import load_scenario
+
+    camera = celnav.Camera("brown_conrady", *SIZE, 900.0, k=(1e-05, -2e-07), p=(3e-05, 0.0))
+    angles = {"azimuth_deg": 1e-05, "altitude_deg": 45.0, "roll_deg": 0.0}
+    site = {"latitude_deg": 5e-06, "longitude_deg": 0.0, "height_m": 0.0}
+    path = tmp_path / "scenario.yaml"
+    path.write_text(scenario_text(camera, angles, site, "2021-08-05T05:29:59.500Z", 1e-05))
+    frame = load_scenario(path).frame(0)
+    assert frame.camera.k[:2] == (1e-05, -2e-07)
+    assert frame.camera.p == (3e-05, 0.0)
+
+
 @pytest.mark.journey
 def test_mirrored_picture_is_named(tilted):
     frame = tilted[0]
@@ -169,6 +182,18 @@ def test_clutter_alone_is_refused():
         calibrate([frame], LAT_DEG, LON_DEG)
 
 
+def test_pixels_that_a_guess_says_are_oblong_are_kept_so():
+    """Pixels 1.1 times as wide as high, of which no lens with square pixels follows the stars."""
+    R_cam = Pointing(200.0, 50.0, 4.0).R_cam
+    enu, v_mag = apparent_stars(UTC, 6.5)
+    guess = celnav.Camera("pinhole", *SIZE, 900.0, 990.0, 640.0, 350.0)
+    uv = np.nan_to_num(guess.project(enu @ R_cam.T), nan=-1e6)
+    frame, _ = frame_of(UTC, uv, v_mag, SIZE, np.random.default_rng(0), sigma_px=0.1)
+    found = calibrate([frame], LAT_DEG, LON_DEG, form=LensForm("pinhole", aspect=True), camera=guess)
+    assert found.camera.f_px == pytest.approx(900, abs=5 * found.sigmas["f_px"])
+    assert found.camera.fy_px == pytest.approx(990, abs=5 * found.sigmas["fy_px"])
+
+
 def test_options_are_checked(tilted):
     with pytest.raises(CalibrationError, match="no frames"):
         calibrate([], LAT_DEG, LON_DEG)
@@ -178,6 +203,16 @@ def test_options_are_checked(tilted):
         calibrate([tilted[0]], LAT_DEG, LON_DEG, models=("thin",))
     with pytest.raises(ConfigError, match="lat_deg"):
         calibrate([tilted[0]], 91.0, LON_DEG)
+    with pytest.raises(ConfigError, match="CalibrationFrame"):
+        calibrate([tilted[0].detections], LAT_DEG, LON_DEG)
+    with pytest.raises(ConfigError, match="form"):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, form="pinhole")
+    with pytest.raises(ConfigError, match="camera"):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, camera="pinhole")
+    with pytest.raises(ConfigError, match="models is empty"):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, models=())
+    with pytest.raises(CalibrationError, match="640 x 360 pixels and the frames have 1280 x 720"):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, camera=celnav.Camera.pinhole(640, 360, 70))
     with pytest.raises(ConfigError, match="takes no"):
         LensForm("kannala_brandt", 5)
 

@@ -93,6 +93,13 @@ def test_lists_and_the_size_of_the_image(tmp_path) -> None:
         read_camera_file(path)
 
 
+def test_files_may_begin_with_a_byte_order_mark(tmp_path) -> None:
+    content = json.dumps({"model": "equidistant", "width": 640, "height": 480, "f_px": 200.0})
+    for name in ("c.json", "c.yml"):
+        (tmp_path / name).write_text(content, encoding="utf-8-sig")
+        assert read_camera_file(tmp_path / name).camera.f_px == 200.0
+
+
 def test_own_cameras_and_frame_records(tmp_path) -> None:
     camera = {"model": "equidistant", "width": 640, "height": 480, "f_px": 200.0}
     for content in (camera, {"camera": camera}):
@@ -151,6 +158,11 @@ ALIASES = (
         ("{image_width: 64, image_height: 48, K: [1, 0, 0, 0, 1, 0, 0, 0, 1], distortion_model: fov}", "'fov'"),
         ('{"model": "pinhole", "width": 64, "height": 48, "hfov_deg": 60, "tilt_rad": [2, 0]}', "within 0.5 radians"),
         ('{"model": "pinhole", "width": 64, "height": 48, "hfov_deg": 60, "s": 1}', "list of numbers"),
+        (
+            '{"model": "pinhole", "width": 64, "height": 48, "f_px": 60, "cx_px": NaN}',
+            "cx_px = nan must be a finite number",
+        ),
+        ("{model: pinhole, width: 64, height: 48, f_px: 60.0, fy_px: .nan}", "fy_px = nan must be a finite number"),
     ],
 )
 def test_faulty_files_are_refused_in_one_line(tmp_path, text, message) -> None:
