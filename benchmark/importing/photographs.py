@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 import celnav
 from benchmark.errors import PhotographError
-from celnav.command.exif import RAW_SUFFIXES, read_raw_tags, read_tags
+from celnav.command.exif import read_raw_tags, read_tags
 from celnav.command.exposure_time import Stamp, exposure_time
 from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.fits_file import FitsImage, is_fits, read_fits
+from celnav.detecting.image_file import RAW_SUFFIXES
 from celnav.errors import TimeError
 from generator.places.times import Instant
 from generator.reading.record import LARGEST_SIDE_PX

@@ -122,7 +122,7 @@ def read_measured(path: str | Path) -> tuple[AttitudeInTime, ...]:
     AttitudeError
         When the attitude of a frame is malformed, or there are more than `MOST_FRAMES`.
     """
-    record = json.loads(Path(path).read_text(encoding="utf-8"))
+    record = json.loads(Path(path).read_text(encoding="utf-8-sig"))
     calibration = record.get("calibration") if isinstance(record, dict) else None
     frames = calibration.get("frames") if isinstance(calibration, dict) else None
     if not isinstance(frames, list):

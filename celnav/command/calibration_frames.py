@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from celnav.calibrating.frames import CalibrationFrame
 from celnav.calibrating.sky_mask import sky_mask
 from celnav.checking import finite_number
-from celnav.command.exif import read_tags, refuse_raw
+from celnav.command.exif import read_tags
 from celnav.command.exposure_time import Stamp, exposure_time
 from celnav.detecting.fits_file import is_fits, read_fits
-from celnav.detecting.image_file import read_image, without_blanks
+from celnav.detecting.image_file import read_image, refuse_raw, without_blanks
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CalibrationError, ImageError, TimeError
 from celnav.sky.fits_times import block_middle

@@ -31,10 +31,6 @@ _YEARS = (1900, 2200)
 _LONGEST_EXPOSURE_S = 86400.0
 # Units of FocalPlaneResolutionUnit in millimetres; 4 and 5 are widely used although they are not in the standard.
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
-RAW_SUFFIXES = {
-    ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf",
-    ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -90,16 +86,6 @@ class PhotoTags:
     up: Vector | None = None
     source: str = "EXIF"
     lacks: str = ""
-
-
-def refuse_raw(path: str | Path) -> None:
-    """Raise `ImageError` for a raw file, of which many programs would only open the small preview."""
-    suffix = Path(path).suffix.lower()
-    if suffix in RAW_SUFFIXES:
-        raise ImageError(
-            f"image {path} is a raw file ({suffix}): develop it to a 16-bit TIFF or PNG first, without corrections of the "
-            "lens and without cropping"
-        )
 
 
 def read_tags(path: str | Path) -> PhotoTags:

@@ -32,7 +32,21 @@ _MOST_SCANS = 100
 # In the data of a scan, 0xFF is followed by zero or a restart code; otherwise it starts a marker (ITU-T T.81, B.1.1).
 _MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
+RAW_SUFFIXES = {
+    ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf",
+    ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f",
+}  # fmt: skip
 _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"}
+
+
+def refuse_raw(path: str | Path) -> None:
+    """Raise `ImageError` for a raw file, of which many programs would only open the small preview."""
+    suffix = Path(path).suffix.lower()
+    if suffix in RAW_SUFFIXES:
+        raise ImageError(
+            f"image {path} is a raw file ({suffix}): develop it to a 16-bit TIFF or PNG first, without corrections of the "
+            "lens and without cropping"
+        )
 
 
 def read_image(path: str | Path) -> NDArray[np.generic]:
@@ -51,13 +65,14 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     Raises
     ------
     ImageError
-        When the file is missing, truncated, not an image, or has more than a hundred million pixels.
+        When the file is missing, truncated, not an image, a raw file, or has more than a hundred million pixels.
     """
     from PIL import Image, UnidentifiedImageError
 
     from celnav.detecting.fits_file import is_fits, read_fits
     from celnav.detecting.heif_file import decode, is_heif, open_heif
 
+    refuse_raw(path)
     if is_fits(path):
         return read_fits(path).pixels
     if is_heif(path):

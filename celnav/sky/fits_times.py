@@ -61,7 +61,8 @@ def exposure_in(header: Header, first: Header, name: str) -> ExposureInHeader:
     try:
         length_s = _length(header, first)
         for part in (header, first):
-            if (found := _of(part, length_s)) is not None:
+            # A time scale that only the first header names is taken to be that of the image too.
+            if (found := _of({"TIMESYS": first.get("TIMESYS"), **part}, length_s)) is not None:
                 return found
     except _UnusableError as error:
         return ExposureInHeader(None, None, None, str(error))
@@ -119,7 +120,7 @@ def _moment(part: Header, date_key: str, mjd_key: str) -> datetime | None:
     if not text:
         return _of_mjd(part, mjd_key)
     day = text.replace("/", "-")
-    if re.fullmatch(r"\d{4}-\d{2}-\d{2}", day):
+    if re.fullmatch(r"[\dW-]{7,10}", day):
         of_day = next(
             (clock for key in _TIMES_OF_DAY if isinstance(clock := part.get(key), str) and ":" in clock), None
         )
@@ -153,7 +154,7 @@ def _of_mjd(part: Header, key: str) -> datetime | None:
 
 def _in_utc(part: Header, moment: datetime) -> datetime:
     scale = part.get("TIMESYS")
-    if isinstance(scale, str) and scale.strip().upper() not in _SCALES:
+    if isinstance(scale, str) and scale.partition("(")[0].strip().upper() not in _SCALES:
         raise _UnusableError(f"its times are in {_shown(scale.strip())} (TIMESYS), expected UTC")
     return moment
 

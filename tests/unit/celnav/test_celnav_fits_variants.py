@@ -30,6 +30,7 @@ START = datetime(2018, 9, 14, 11, 53, 22, 844000, tzinfo=UTC)
         {"DATE-OBS": "2018-09-14", "TIME-OBS": "11:53:22.844"},
         {"DATE-OBS": "2018/09/14", "UT": "11:53:22.844"},
         {"DATE-OBS": "2018-09-14T11:53:22.844", "TIMESYS": "UTC"},
+        {"DATE-OBS": "2018-09-14T11:53:22.844", "TIMESYS": "UTC(NIST)"},
         {
             "MJD-OBS": 58375.0
             + (START - START.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds() / 86400
@@ -50,6 +51,8 @@ def test_the_time_of_a_header_is_read(header, length):
     [
         ({}, "no DATE-OBS"),
         ({"DATE-OBS": "2018-09-14"}, "without a time of day"),
+        ({"DATE-OBS": "20180914"}, "without a time of day"),
+        ({"DATE-OBS": "2018-W37-5"}, "without a time of day"),
         ({"DATE-OBS": "14/09/18", "UT": "11:53:22"}, "DATE-OBS is '14/09/18'"),
         ({"DATE-OBS": "9999-12-31T23:59:59"}, "9999"),
         ({"DATE-OBS": "2018-09-14T11:53:22", "TIMESYS": "TAI"}, "'TAI' \\(TIMESYS\\)"),
@@ -68,6 +71,11 @@ def test_what_a_header_lacks_is_said(tmp_path, capsys, header, words):
         exposure_time(read_tags(path), None, None)
     assert main(["calibrate", str(path), "--lat", "1", "--lon", "2", "--out", str(tmp_path / "x.json")]) == 2
     assert found.lacks in capsys.readouterr().err
+
+
+def test_a_time_scale_of_the_first_header_holds_for_the_image():
+    found = exposure_in({"DATE-OBS": "2018-09-14T11:53:22.844", "EXPTIME": 1.0}, {"TIMESYS": "TAI"}, "a.fits")
+    assert "'TAI' (TIMESYS)" in found.lacks
 
 
 def test_a_start_without_a_length_is_named_as_such(tmp_path):

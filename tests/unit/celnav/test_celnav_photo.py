@@ -9,11 +9,13 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+import celnav
 from celnav.attitude import Attitude
-from celnav.command.exif import PhotoTags, read_tags, refuse_raw
+from celnav.command.exif import PhotoTags, read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
 from celnav.command.solving import MIRRORED, _Lens, _of_attitude, _with_hint_of_other_lens
+from celnav.detecting.image_file import refuse_raw
 from celnav.detection import Detections
 from celnav.errors import CameraError, ImageError, TimeError
 from celnav.fix import Fix, Reason
@@ -74,8 +76,11 @@ def test_no_photograph(tmp_path) -> None:
     with pytest.raises(ImageError, match="orientation 6"):
         read_tags(photograph(tmp_path / "p.tif", {0x0112: 6}))
     for name in ("a.NEF", "a.dng"):
+        photograph(tmp_path / "p.tif", {}).rename(tmp_path / name)  # as the preview that raw files begin with
         with pytest.raises(ImageError, match="16-bit TIFF"):
             refuse_raw(name)
+        with pytest.raises(ImageError, match="16-bit TIFF"):
+            celnav.read_image(tmp_path / name)
     refuse_raw("a.tif")
 
 
