@@ -218,7 +218,8 @@ def _words(runs: Sequence[SolverRun]) -> str:
 def _answer(frame: Frame, outcome: SolverOutcome) -> str:
     score = outcome.score
     condition = "" if frame.condition is None else f" ({frame.condition:g})"
-    ended = f"fix, {number(score.error_km, 'km')} off" if score.status == FIX else f"{score.status}: {score.reason}"
+    reason = score.reason or "gives no reason"
+    ended = f"fix, {number(score.error_km, 'km')} off" if score.status == FIX else f"{score.status}: {reason}"
     if score.reason.startswith(f"{score.status}:"):
         ended = score.reason
     return f"{frame.frame_id}{condition}: {ended}; {score.n_detections} detections, {number(score.time_ms, 'ms')}"

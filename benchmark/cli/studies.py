@@ -30,6 +30,8 @@ CALIBRATION_SITES, CALIBRATION_PICTURES, GRADIENT_FRAMES = 40, 12, 10
 CALIBRATION_SCENARIO = Path("calibration_study")
 REALISM_OUT = Path("results/studies/realism")
 INDEPENDENCE_OUT, INDEPENDENCE_FRAMES = Path("results/studies/independence"), 40
+INDEPENDENCE_FEWEST = 6
+"""That of `benchmark.studies.independence.study`, for which --help need not wait."""
 INDEPENDENCE_SCENARIO = Path("independence_study")
 EXIT_BAD_INPUT = 2
 
@@ -170,13 +172,13 @@ def realism(
     from benchmark.twin.scene import read_scene
     from generator.scenario.shipped import find_scenario
 
-    names = _solvers(solver)
     files = [path.name for path in photographs]
     command = shlex.join(
         ["skybench", "study", "realism", *files, "--calibrate-on", calibrate_on.name, "--scene", str(scene)]
         + [word for name in solver or () for word in ("--solver", name)]
     )
     with _one_line_for_bad_input(), _bars() as progress:
+        names = _solvers(solver)
         study = run_study(
             read_scene(find_scenario(scene)), photographs, calibrate_on, names, work, out, command, progress
         )
@@ -192,7 +194,9 @@ def realism(
 
 @app.command(epilog="Example: skybench study independence --frames 12 --solver skybench --solver tetra3rs")
 def independence(
-    frames: Annotated[int, typer.Option("--frames", min=2, help="Frames of each set.")] = INDEPENDENCE_FRAMES,
+    frames: Annotated[
+        int, typer.Option("--frames", min=INDEPENDENCE_FEWEST, help="Frames of each set.")
+    ] = INDEPENDENCE_FRAMES,
     solver: Annotated[
         list[str] | None,
         typer.Option(
@@ -225,11 +229,14 @@ def independence(
 
 
 def _solvers(named: list[str] | None) -> list[str]:
-    """The solvers named, or all that can run here."""
+    """The solvers named, or all that can run here; named ones that cannot are refused before any frame is rendered."""
     from benchmark.cli.running import obstacles
+    from benchmark.run.contestants import contestant_of
+    from benchmark.run.engine import check_contestants
     from benchmark.solvers.registry import solvers_by_themselves
 
     if named:
+        check_contestants([contestant_of(name) for name in named], jobs=1)
         return list(named)
     left_out = obstacles(solvers_by_themselves())
     return [name for name in solvers_by_themselves() if name not in left_out]

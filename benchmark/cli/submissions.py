@@ -102,12 +102,13 @@ def check(
         names = None if packed is None else listed_names(packed)
     except BenchmarkError as error:
         fail(error)
+    answers, table = _read(file, stars, names, as_json)
     if as_json:
-        _report_as_json(file, stars, names)
+        print_json(_document(file, stars, answers, table))
         return
-    answers = _read(file, stars, names)[0]
-    fixes = sum(answer.status == "fix" for answer in answers.answers)
-    typer.echo(f"in order: {len(answers.answers)} frames, {fixes} fixes")
+    fixes = _fixes(answers)
+    hint = "" if packed else "; with --set SET, ids and missing frames are checked too"
+    typer.echo(f"in order: {len(answers.answers)} frames, {fixes} fixes{hint}")
 
 
 def score(
@@ -144,7 +145,7 @@ def score(
         with progress_bars() as progress:
             found = _opened(truth, split, frames, data, jobs, progress)
             names = names_in_use(found.frames, [answer.frame_id for answer in check_answers(file).answers])
-            answers, table = _read(file, stars, frozenset(names.values()))
+            answers, table = _read(file, stars, frozenset(names.values()), as_json)
             outcomes = judge_submission(found.frames, names, answers, table)
             folder = out or default_out(found.facts)
             path = write_score(found, folder, name, version_of(file, stars), outcomes)
@@ -182,32 +183,38 @@ def _opened(target: str, split: Split, frames: int | None, data: Path, jobs: int
     return found
 
 
-def _read(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
+def _read(
+    file: Path, stars: Path | None, names: frozenset[str] | None, as_json: bool
+) -> tuple[Checked, Checked | None]:
     """Read both files; print their problems and exit if there are any."""
-    answers, table = _checked(file, stars, names)
-    for path, checked in ((file, answers), (stars, table)):
-        if checked is not None and path is not None:
-            _print(path, checked.problems)
-    if answers.problems or (table is not None and table.problems):
-        raise typer.Exit(EXIT_PROBLEMS)
-    return answers, table
-
-
-def _checked(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
     from benchmark.submit.submission import check_answers, check_stars
 
-    return check_answers(file, names), None if stars is None else check_stars(stars, names)
+    answers, table = check_answers(file, names), None if stars is None else check_stars(stars, names)
+    if not answers.problems and (table is None or not table.problems):
+        return answers, table
+    if as_json:
+        print_json(_document(file, stars, answers, table))
+    else:
+        for path, checked in ((file, answers), (stars, table)):
+            if checked is not None and path is not None:
+                _print(path, checked.problems)
+    raise typer.Exit(EXIT_PROBLEMS)
 
 
-def _report_as_json(file: Path, stars: Path | None, names: frozenset[str] | None) -> None:
-    """Print the content read from both files and all their problems, and exit if there are any."""
-    answers, table = _checked(file, stars, names)
+def _document(file: Path, stars: Path | None, answers: Checked, table: Checked | None) -> dict[str, object]:
+    """The content read from both files and all their problems."""
     found = [(file, answers.problems), *([] if table is None or stars is None else [(stars, table.problems)])]
     problems = [{"file": path} | vars(problem) for path, listed in found for problem in listed]
-    fixes = sum(answer.status == "fix" for answer in answers.answers)
-    print_json({"in_order": not problems, "frames": len(answers.answers), "fixes": fixes, "problems": problems})
-    if problems:
-        raise typer.Exit(EXIT_PROBLEMS)
+    return {
+        "in_order": not problems,
+        "frames": len(answers.answers),
+        "fixes": _fixes(answers),
+        "problems": problems,
+    }
+
+
+def _fixes(answers: Checked) -> int:
+    return sum(answer.status == "fix" for answer in answers.answers)
 
 
 def _print(path: Path, problems: tuple[Problem, ...]) -> None:

@@ -7,6 +7,7 @@ with limited memory and time (`benchmark.submit.parquet_guard`), because it can 
 from __future__ import annotations
 
 import csv
+import errno
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator
@@ -23,6 +24,9 @@ LONGEST_CELL = 200
 MOST_SPARE_LINES = 1000
 """Number of empty and faulty lines that are allowed in addition to the rows."""
 PARQUET_MAGIC = b"PAR1"
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+"""Other characters than the comma by which spreadsheets separate cells."""
 _COMPRESSED = {b"\x1f\x8b": "gzip", b"PK": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
 
 Cell = str | float | int | None
@@ -72,6 +76,12 @@ def read_cells(path: Path, known: tuple[str, ...], max_rows: int, report: Report
         if content.startswith(magic):
             report(0, "", f"is compressed ({name}); send the CSV or Parquet file itself")
             return None
+    if content.startswith(UTF16_MARKS):
+        report(0, "", "is UTF-16 text; save it as UTF-8")
+        return None
+    if b"\r" in content and b"\n" not in content:
+        report(0, "", "ends its lines with carriage returns alone; save it with line feeds (Unix or Windows)")
+        return None
     return _csv(content, known, max_rows, report)
 
 
@@ -79,15 +89,19 @@ def _content(path: Path, report: Report) -> bytes | None:
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        report(0, "", f"cannot be opened ({error.strerror}); give a plain file, not a link")
+        is_link = error.errno == errno.ELOOP
+        report(0, "", "is a link; give the file itself" if is_link else f"cannot be opened ({error.strerror})")
         return None
     try:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
-            report(0, "", "is not a plain file")
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
+            report(0, "", f"is {kind}; give a CSV or Parquet file")
             return None
         if status.st_size > LARGEST_FILE_BYTES:
-            report(0, "", f"has {status.st_size} bytes, more than {LARGEST_FILE_BYTES}")
+            report(
+                0, "", f"has {status.st_size} bytes, more than {LARGEST_FILE_BYTES}; Parquet files are smaller than CSV"
+            )
             return None
         with open(handle, "rb", closefd=False) as file:
             content = file.read(LARGEST_FILE_BYTES + 1)
@@ -102,7 +116,7 @@ def _content(path: Path, report: Report) -> bytes | None:
 def _known_columns(names: list[str], known: tuple[str, ...], report: Report) -> bool:
     for place, name in enumerate(names):
         if name not in known:
-            report(1, "", f"column {place + 1} has no known name; expected of {', '.join(known)}")
+            report(1, "", f"column {place + 1} has no known name: found {shown(name)}, expected of {', '.join(known)}")
         elif name in names[:place]:
             report(1, name, "is there twice")
     return len(set(names)) == len(names) and set(names) <= set(known)
@@ -115,6 +129,13 @@ def _csv(content: bytes, known: tuple[str, ...], max_rows: int, report: Report) 
     lines = _lines(content.removeprefix(b"\xef\xbb\xbf"), report)
     for line, cells in lines:
         names = [cell.strip(" ") for cell in cells]
+        separator = _separator_of(names, known)
+        if separator is not None:
+            report(line, "", f"cells are separated by {separator}; separate them by commas, and write 1.5, not 1,5")
+            return None
+        if line == 1 and not set(names) & set(known):
+            report(1, "", f"is no header: found {shown(','.join(cells))}, expected {','.join(known)}")
+            return None
         if line != 1:
             report(1, "", f"expected the header {','.join(known)}")
         return (
@@ -123,6 +144,16 @@ def _csv(content: bytes, known: tuple[str, ...], max_rows: int, report: Report) 
             else None
         )
     report(1, "", f"expected the header {','.join(known)}")
+    return None
+
+
+def _separator_of(names: list[str], known: tuple[str, ...]) -> str | None:
+    """Name of the character that separates the header's cells, where it is not the comma."""
+    if len(names) > 1 or not names:
+        return None
+    for character, word in _SEPARATORS.items():
+        if any(name.strip(' "') in known for name in names[0].split(character)[1:]):
+            return word
     return None
 
 
@@ -154,7 +185,7 @@ def _lines(content: bytes, report: Report) -> Iterator[tuple[int, list[str]]]:
         try:
             (cells,) = csv.reader([raw.decode("utf-8")], strict=True)
         except UnicodeDecodeError:
-            report(number, "", "is not UTF-8 text")
+            report(number, "", "is not UTF-8 text; save the file as UTF-8")
             continue
         except (csv.Error, ValueError):
             report(number, "", "is not a line of CSV: a quote is not closed, or a character is not allowed")
@@ -182,3 +213,12 @@ def _parquet_rows(table: pa.Table) -> Iterator[tuple[int, dict[str, Cell]]]:
         for row in batch.to_pylist():
             line += 1
             yield line, row
+
+
+def shown(cell: Cell) -> str:
+    """A cell made safe to print: short, quoted, with every character outside ASCII escaped."""
+    if cell is None or cell == "":
+        return "nothing"
+    if not isinstance(cell, str):
+        return repr(cell)
+    return ascii(cell[:60]) + ("..." if len(cell) > 60 else "")

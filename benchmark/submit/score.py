@@ -99,14 +99,14 @@ def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) ->
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that cannot be used as a file name, or that a solver of the benchmark has.
+    """Refuse a name that cannot be used as a file name, or that a solver of the benchmark has in capitals or small letters.
 
     Raises
     ------
     ResultsError
     """
     check_solver_name(name)
-    if name in known_solvers():
+    if name.casefold() in {known.casefold() for known in known_solvers()}:
         raise ResultsError(f"name {name!r} is a solver of the benchmark; choose another for the submission")
 
 

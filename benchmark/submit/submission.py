@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
-from benchmark.submit.cells import Cell, CellTable, read_cells
+from benchmark.submit.cells import Cell, CellTable, read_cells, shown
 
 LARGEST_FRAMES = 200_000
 LARGEST_STAR_ROWS = 1_000_000
@@ -276,12 +276,3 @@ def _parsed(cell: Cell, form: re.Pattern[str], convert: Callable[[str], float]) 
             return None
         return convert(text) if form.fullmatch(text) else text
     return math.nan if isinstance(cell, float) and not math.isfinite(cell) else cell
-
-
-def shown(cell: Cell) -> str:
-    """A cell made safe to print: short, quoted, with every character outside ASCII escaped."""
-    if cell is None or cell == "":
-        return "nothing"
-    if not isinstance(cell, str):
-        return repr(cell)
-    return ascii(cell[:60]) + ("..." if len(cell) > 60 else "")

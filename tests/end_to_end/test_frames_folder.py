@@ -223,8 +223,15 @@ def test_agreement_of_bytes_does_not_make_a_record_true(scenario, copy) -> None:
 
 def test_verify_of_a_folder_of_something_else(tmp_path) -> None:
     run = CliRunner().invoke(app, ["verify", str(tmp_path)])
+    assert (run.exit_code, run.stdout) == (2, "")
+    assert "neither a dataset of `skybench generate` nor a folder of `skybench render`" in run.output
+    run = CliRunner().invoke(app, ["verify", str(tmp_path / "nowhere")])
+    assert (run.exit_code, run.stdout) == (2, "")
+    assert "nowhere: no such folder" in run.output
+    (tmp_path / "scenario.yaml").write_text("name: begun\n")
+    run = CliRunner().invoke(app, ["verify", str(tmp_path)])
     assert run.exit_code == 1
-    assert "manifest.json: missing" in run.output
+    assert "manifest.json: missing; the run is unfinished" in run.output
 
 
 def test_another_scenario_is_refused_with_its_manifest_kept(whole, copy) -> None:

@@ -104,15 +104,32 @@ def test_duplicates_strangers_and_missing_frames(file):
         (gzip.compress(HEADER.encode(), mtime=0), "is compressed (gzip); send the CSV or Parquet file itself"),
         (b"\x28\xb5\x2f\xfd0000", "is compressed (zstd); send the CSV or Parquet file itself"),
         (b"frame_id,status,lat_deg\n", "line 1: lon_deg: column is missing"),
-        (b"frame_id,status,lat_deg,lon_deg,password\n", "line 1: column 5 has no known name"),
+        (b"frame_id,status,lat_deg,lon_deg,password\n", "line 1: column 5 has no known name: found 'password'"),
         (b"frame_id,status,lat_deg,lon_deg,lat_deg\n", "line 1: lat_deg: is there twice"),
-        (b"frame_id,status,lat_deg,lon_deg\n\xff,fix,1,1\n", "line 2: is not UTF-8 text"),
+        (b"frame_id,status,lat_deg,lon_deg\n\xff,fix,1,1\n", "line 2: is not UTF-8 text; save the file as UTF-8"),
+        (HEADER.encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
+        (f"{HEADER}\r{GOOD}\r".encode(), "ends its lines with carriage returns alone"),
         (b"PAR1 not really PAR1", "is damaged, or needs more memory or time than its content may take"),
     ],
 )
 def test_files_that_are_no_tables(file, content, expected):
     assert any(problem.startswith(expected) for problem in problems_of(file, content))
     assert check_answers(file).answers == ()
+
+
+@pytest.mark.parametrize(("character", "word"), [(";", "semicolons"), ("\t", "tabs"), ("|", "bars")])
+def test_cells_that_a_spreadsheet_separated_otherwise(file, character, word):
+    text = f"{HEADER}\n{GOOD}\n".replace(",", character)
+    expected = f"line 1: cells are separated by {word}; separate them by commas, and write 1.5, not 1,5"
+    assert problems_of(file, text) == [expected]
+    assert problems_of(file, text.replace(".", ",")) == [expected]
+
+
+@pytest.mark.parametrize("header", [HEADER.upper(), GOOD, '{"a": 1}'])
+def test_a_first_line_without_any_known_name_is_one_problem(file, header):
+    (problem,) = problems_of(file, f"{header}\n{GOOD}\n")
+    assert problem.startswith("line 1: is no header: found '")
+    assert problem.endswith(f"expected {HEADER}")
 
 
 def test_a_zip_bomb_is_not_opened(file):
@@ -127,9 +144,14 @@ def test_links_pipes_and_folders_are_not_read(file, tmp_path):
     file.symlink_to(secret)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    for path in (file, pipe, tmp_path, tmp_path / "missing"):
+    for path, expected in (
+        (file, "is a link; give the file itself"),
+        (pipe, "is a pipe or a device; give a CSV or Parquet file"),
+        (tmp_path, "is a folder; give a CSV or Parquet file"),
+        (tmp_path / "missing", "cannot be opened (No such file or directory)"),
+    ):
         checked = check_answers(path)
-        assert len(checked.problems) == 1
+        assert [str(problem) for problem in checked.problems] == [expected]
         assert checked.answers == ()
 
 
@@ -140,7 +162,9 @@ def test_limits_of_size(file, monkeypatch):
     assert len(check_answers(file).answers) == 2
     assert problems_of(file, HEADER + "\n" * 1100) == ["has more than 1002 lines"]
     monkeypatch.setattr(submission_cells, "LARGEST_FILE_BYTES", 50)
-    assert problems_of(file, f"{HEADER}\n{lines}\n")[0].endswith("bytes, more than 50")
+    assert problems_of(file, f"{HEADER}\n{lines}\n")[0].endswith(
+        "bytes, more than 50; Parquet files are smaller than CSV"
+    )
 
 
 def test_only_so_many_problems_are_kept(file):
@@ -300,7 +324,8 @@ def test_the_command_says_line_by_line_what_is_wrong(file):
     assert f"{file}: line 2: lat_deg: found 95, expected -90 to 90" in run.output
     file.write_text(f"{HEADER}\n{GOOD}\n", encoding="utf-8")
     run = CliRunner().invoke(app, ["bench", "check", str(file)])
-    assert (run.exit_code, run.output) == (0, "in order: 1 frames, 1 fixes\n")
+    hint = "; with --set SET, ids and missing frames are checked too"
+    assert (run.exit_code, run.output) == (0, f"in order: 1 frames, 1 fixes{hint}\n")
     assert CliRunner().invoke(app, ["bench", "check", str(file), "--set", str(file.parent)]).exit_code == 2
 
 
