@@ -97,7 +97,7 @@ class Attitude:
             keys are refused because a misspelt sigma would make the attitude exact.
         """
         try:
-            record = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+            record = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise AttitudeError(f"cannot read attitude file {path}: {error.strerror}") from None
         except ValueError as error:

@@ -130,9 +130,6 @@ class Camera:
         if unknown := sorted(set(record) - set(allowed)):
             raise CameraError(f"camera has unknown keys {', '.join(unknown)}; allowed: {', '.join(allowed)}")
         known = {name: record[name] for name in _NAMES if record.get(name) is not None}
-        for name, value in known.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise CameraError(f"camera {name} = {value} must be a finite number; leave the key out for its default")
         if record.get("uncertainty") is not None:
             known["uncertainty"] = LensUncertainty.from_dict(record["uncertainty"])
         return cls(**known)
@@ -147,7 +144,7 @@ class Camera:
             When the file cannot be read or holds no valid camera; the message names the key.
         """
         try:
-            record = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+            record = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise CameraError(f"cannot read camera file {path}: {error.strerror}") from None
         except ValueError as error:
