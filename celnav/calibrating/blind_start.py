@@ -114,7 +114,7 @@ def is_mirrored(frame: CalibrationFrame, sky: Sky) -> bool:
     """Return whether the stars are identified once the frame is flipped, as for a picture whose rows run upwards."""
     uv = frame.uv * [1.0, -1.0] + [0.0, frame.size[1] - 1.0]
     turned = replace(frame, detections=replace(frame.detections, uv=uv))
-    return find_start(turned, sky, PASSES[:2]) is not None
+    return find_start(turned, sky, PASSES[:3]) is not None
 
 
 def is_narrow(camera: Camera) -> bool:
