@@ -11,7 +11,7 @@ import typer
 from benchmark.cli import completion
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
-from benchmark.cli.progress import progress_bars, working
+from benchmark.cli.progress import progress_bars
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError
 
@@ -78,7 +78,9 @@ def boards(
     remove_old: Annotated[
         bool,
         typer.Option(
-            "--remove-old", help="Remove results of retired tasks, and of revisions with a later one beside them."
+            "--remove-old",
+            help="Remove results of retired tasks, of revisions with a later one beside them, and on older frames than the "
+            "new rows.",
         ),
     ] = False,
     as_json: AsJson = False,
@@ -89,7 +91,6 @@ def boards(
     """
     from benchmark.report.refresh import (
         BoardsRequest,
-        Opened,
         count_as_before,
         plan_boards,
         run_plan,
@@ -103,10 +104,10 @@ def boards(
         tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames, existing
     )
     try:
-        opened: dict[str, Opened] = {}
         found = plan_boards(request)
-        with working("comparing frames with those of the results"):
-            found = count_as_before(found, request, opened)
+        with progress_bars(hidden=not found.jobs) as bar:
+            comparing = bar.add_task("comparing frames with those of the results", total=None)
+            found, notes = count_as_before(found, request, partial(bar.advance, comparing))
         if not as_json:
             _print_plan(found, request)
         old = outdated(out) if remove_old else {}
@@ -116,12 +117,14 @@ def boards(
             return
         pack_tree(out, leave_others=True)
         with progress_bars() as bar:
-            made = run_plan(found, request, opened, _lines(bar))
+            made = run_plan(found, request, notes, _lines(bar))
         for obstacle in made.obstacles:
             typer.echo(f"not made: {obstacle}", err=True)
         for line in () if as_json else made.renewed:
             typer.echo(line)
-        pack_tree(out)
+        for table in pack_tree(out, remove_others=remove_old):
+            if table.removed:
+                typer.echo(f"removed: {table.listing}: rows on older frames: {', '.join(table.removed)}", err=True)
         for folder, why in (remove_outdated(out) if remove_old else {}).items():
             typer.echo(f"removed: {folder}: {why}", err=True)
         page = _report(out, data, figure, pictures)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import defaultdict
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 from benchmark.errors import ResultsError
@@ -20,6 +23,7 @@ from benchmark.run.engine import Notes, SolverRun, noted, run_all
 from benchmark.run.provenance import DetectionsMode, provenance_of
 from benchmark.run.renewal import earlier_row, frames_as_before
 from benchmark.tasks.definition import TASK_SUFFIX, SplitName, Task, load_task, load_task_file
+from generator.processes import follow_parent
 
 SPLIT: SplitName = "dev"
 """Split of leaderboards."""
@@ -59,14 +63,6 @@ class BoardsRequest:
         return FrameChoice(SPLIT, self.per_condition, None, self.data, self.jobs)
 
 
-@dataclass(frozen=True, eq=False)
-class Opened:
-    """Frames of a task, and what is known about each."""
-
-    frames: FrameSet
-    notes: Notes
-
-
 @dataclass(frozen=True)
 class Made:
     """Result of running a plan.
@@ -101,52 +97,83 @@ def plan_boards(request: BoardsRequest) -> Plan:
     return make_plan(_standing(request.out), targets, request.solvers, ("own",), left_out)
 
 
-def count_as_before(plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Plan:
+def count_as_before(
+    plan: Plan, request: BoardsRequest, progress: Callable[[int], None] = lambda frames: None
+) -> tuple[Plan, dict[str, Notes]]:
     """Determine for each row how many of its frames are unchanged; unknown for frames that are not rendered yet.
 
     Parameters
     ----------
     plan : Plan
     request : BoardsRequest
-    opened : mapping of str to Opened
-        Tasks by label; those that are opened here are added, for `run_plan`.
+        Its number of jobs is the number of tasks whose frames are compared in parallel.
+    progress : callable
+        Called with the number of further frames that are compared.
+
+    Returns
+    -------
+    tuple of (Plan, dict of str to Notes)
+        The plan with these numbers; by label of the task, what is known about each frame, for `run_plan`.
 
     Raises
     ------
     BenchmarkError
-        Frames or a result are damaged.
+        Frames or a result are damaged, or a process ended.
     """
     tasks = _tasks(request)
-    there = {label for label in {job.place.task for job in plan.jobs} if at_hand(tasks[label][1], request.choice)}
-    jobs = [
-        _counted(job, request, _opened(job.place.task, tasks[job.place.task][0], request, opened))
-        if job.place.task in there
-        else job
-        for job in plan.jobs
-    ]
-    return Plan(tuple(jobs), plan.fresh)
+    of_task: defaultdict[str, list[Job]] = defaultdict(list)
+    for job in plan.jobs:
+        if at_hand(tasks[job.place.task][1], request.choice):
+            of_task[job.place.task].append(job)
+    counted: dict[Place, Job] = {}
+    notes: dict[str, Notes] = {}
+    calls = [(label, tasks[label][0], tuple(jobs), request) for label, jobs in of_task.items()]
+    for label, jobs, found in _in_parallel(calls, request.jobs):
+        notes[label] = found
+        counted |= {job.place: job for job in jobs}
+        progress(jobs[0].n_frames)
+    return Plan(tuple(counted.get(job.place, job) for job in plan.jobs), plan.fresh), notes
 
 
-def _counted(job: Job, request: BoardsRequest, found: Opened) -> Job:
-    contestant, detections, frames = contestant_of(job.place.solver), job.place.detections, found.frames
+_Call = tuple[str, str, tuple[Job, ...], BoardsRequest]
+_Compared = tuple[str, tuple[Job, ...], Notes]
+
+
+def _in_parallel(calls: Sequence[_Call], processes: int) -> Iterator[_Compared]:
+    """Compare the frames of several tasks in processes, since reading and hashing keep a core busy."""
+    if min(processes, len(calls)) < 2:
+        yield from map(_compared, calls)
+        return
+    try:
+        with ProcessPoolExecutor(min(processes, len(calls)), get_context("spawn"), follow_parent) as pool:
+            for done in as_completed([pool.submit(_compared, call) for call in calls]):
+                yield done.result()
+    except BrokenProcessPool as error:
+        raise ResultsError("a process that compared frames has ended (out of memory?); use fewer --jobs") from error
+
+
+def _compared(call: _Call) -> _Compared:
+    """Count the frames of one task that are as before, for each of its rows."""
+    label, target, jobs, request = call
+    frames = open_frames(target, request.choice)
+    notes: Notes = {}
+    return label, tuple(_counted(job, request, frames, notes) for job in jobs), notes
+
+
+def _counted(job: Job, request: BoardsRequest, frames: FrameSet, notes: Notes) -> Job:
+    contestant, detections = contestant_of(job.place.solver), job.place.detections
     facts = contestant.facts("", detections)  # its version is only known after a start, and the revision says more
     wanted = provenance_of(contestant.name, facts, frames.facts, detections, request.jobs)
     row = earlier_row(request.out, contestant.name, wanted)
     if row is None:
         return job
-    same = frames_as_before(row, frames.frames, lambda frame: noted(frame, found.notes).identity)
+    same = frames_as_before(row, frames.frames, lambda frame: noted(frame, notes).identity)
     seconds = job.seconds * (1.0 - len(same) / len(frames.frames))
     return dataclasses.replace(job, n_as_before=len(same), seconds=seconds)
 
 
-def _opened(label: str, target: str, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Opened:
-    if label not in opened:
-        opened[label] = Opened(open_frames(target, request.choice), {})
-    return opened[label]
-
-
 def run_plan(
-    plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened], progress: Callable[[str, int], None]
+    plan: Plan, request: BoardsRequest, known: Mapping[str, Notes], progress: Callable[[str, int], None]
 ) -> Made:
     """Run the rows of a plan; existing answers to unchanged frames are kept.
 
@@ -154,8 +181,8 @@ def run_plan(
     ----------
     plan : Plan
     request : BoardsRequest
-    opened : mapping of str to Opened
-        Tasks that are already open, by label; others are added.
+    known : mapping of str to Notes
+        What is known about the frames of tasks, by label; see `count_as_before`.
     progress : callable
         Called with a solver and the number of its frames that are done.
 
@@ -165,6 +192,8 @@ def run_plan(
         Frames cannot be rendered, or a result cannot be written.
     """
     tasks = _tasks(request)
+    opened: dict[str, FrameSet] = {}
+    notes: defaultdict[str, Notes] = defaultdict(dict, known)
     wanted: defaultdict[tuple[DetectionsMode, str], list[str]] = defaultdict(list)
     for job in plan.jobs:
         wanted[job.place.detections, job.place.solver].append(job.place.task)
@@ -174,9 +203,11 @@ def run_plan(
         if obstacle := contestant.obstacle():
             left.append(obstacle)
             continue
-        found = [_opened(label, tasks[label][0], request, opened) for label in labels]
-        sets, notes = [one.frames for one in found], [one.notes for one in found]
-        runs = run_all([contestant], sets, request.out, detections, request.jobs, progress, notes, renew=True)
+        for label in labels:
+            if label not in opened:
+                opened[label] = open_frames(tasks[label][0], request.choice)
+        sets, noticed = [opened[label] for label in labels], [notes[label] for label in labels]
+        runs = run_all([contestant], sets, request.out, detections, request.jobs, progress, noticed, renew=True)
         for label, done in zip(labels, runs, strict=True):
             if done.n_kept:
                 renewed.append(f"{label}, {detections} detections: {_renewed_words(done)}")

@@ -6,6 +6,7 @@ A finished result is found by its path and left alone; an interrupted run resume
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -27,7 +28,7 @@ from benchmark.run.contestants import Contestant, SolverChoice, contestant_of
 from benchmark.run.identities import Recorded, check_identity, recorded_identities
 from benchmark.run.journal import Journal
 from benchmark.run.provenance import DetectionsMode, RunProvenance, provenance_of
-from benchmark.run.renewal import earlier_row, frames_as_before, outcome_before, renewed
+from benchmark.run.renewal import earlier_row, frames_as_before, outcome_before, raw_folders, renewed
 from benchmark.run.result_tables import scores_of
 from benchmark.run.results import (
     FRAMES_NAME,
@@ -168,8 +169,9 @@ def run_all(
     notes : sequence of Notes, optional
         Notes on each set, where some are known already; missing ones are added.
     renew : bool
-        Take over the answers of packed results for frames that are the same (`benchmark.run.renewal`). A result with such
-        answers lacks what packing leaves out, so it must be packed.
+        Take over the answers of earlier results for frames that are the same (`benchmark.run.renewal`). A result with such
+        answers lacks what packing leaves out, so it must be packed; it replaces the solver's other raw results on these
+        frames.
     """
     notes = [{} for _ in sets] if notes is None else notes
     for contestant in contestants:
@@ -270,6 +272,10 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
             ended = renewed(ended, earlier, len(kept), len(ids) - len(kept))
         summary = write_result(folder, contestant.name, *journal.tables(ids), ended)
         journal.clear()
+        if found.renew:
+            for replaced in raw_folders(out, contestant.name, source):
+                if replaced != folder:
+                    shutil.rmtree(replaced)
     return SolverRun(contestant.name, folder, summary, len(left), time.monotonic() - started, len(kept))
 
 

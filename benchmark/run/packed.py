@@ -141,10 +141,14 @@ def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
     OtherFramesError
         Two results disagree about a frame.
     """
-    largest = max(rows, key=lambda row: len(row.frames))
-    frames = _frame_part(largest.frames)
+    largest, frames = _with_most_frames(rows)
     for row in rows:
-        _check_same(largest, row, frames)
+        if not _is_on(frames, row):
+            raise OtherFramesError(
+                f"{row.solver}-{row.key} and {largest.solver}-{largest.key} ({row.detections} and {largest.detections} "
+                "detections): their frames differ, so that they cannot be packed; run the older one again, or let "
+                "`skybench bench boards --remove-old` remove it"
+            )
     ids = frames.index
     columns = [_spread(row.frames, ids) for row in rows]
     structs = pa.StructArray.from_arrays(
@@ -254,14 +258,21 @@ def _as_read(stored: pa.Table) -> pd.DataFrame:
     return stored.to_pandas()
 
 
-def _check_same(largest: PackedRow, row: PackedRow, frames: pd.DataFrame) -> None:
+def on_same_frames(rows: Sequence[PackedRow], others: Sequence[PackedRow]) -> list[PackedRow]:
+    """Those of the rows that can be packed together with the others, which must not be empty."""
+    largest, frames = _with_most_frames(others)
+    return [row for row in rows if _is_on(frames, row) or _is_on(_frame_part(row.frames), largest)]
+
+
+def _with_most_frames(rows: Sequence[PackedRow]) -> tuple[PackedRow, pd.DataFrame]:
+    largest = max(rows, key=lambda row: len(row.frames))
+    return largest, _frame_part(largest.frames)
+
+
+def _is_on(frames: pd.DataFrame, row: PackedRow) -> bool:
+    """Whether all frames of a row are among these, with the same circumstances."""
     mine = _frame_part(row.frames)
-    if mine.index.isin(frames.index).all() and mine.equals(frames.loc[mine.index]):
-        return
-    raise OtherFramesError(
-        f"{row.solver}-{row.key} and {largest.solver}-{largest.key} ({row.detections} and {largest.detections} "
-        "detections): their frames differ, so that they cannot be packed; run the older one again"
-    )
+    return bool(mine.index.isin(frames.index).all() and mine.equals(frames.loc[mine.index]))
 
 
 def _spread(frames: pd.DataFrame, ids: pd.Index) -> dict[str, pd.Series]:

@@ -22,18 +22,20 @@ from benchmark.frames.sites import counted_site
 from benchmark.judge.outcome import FrameDetails, SolverOutcome
 from benchmark.run.identities import identities_in
 from benchmark.run.packed import PackedRow, read_packed
+from benchmark.run.packing import raw_row
 from benchmark.run.provenance import Renewal, RunProvenance, circumstances, machines_together, read_provenance
+from benchmark.run.results import SUMMARY_NAME, read_summary
 from benchmark.run.sessions import asked_together
 from benchmark.stats.metrics import ERROR, FrameScore
 
 
 def earlier_row(out: Path, solver: str, wanted: RunProvenance) -> PackedRow | None:
-    """Find the packed result whose answers equal those that a run would give, as far as the frames are the same.
+    """Find the latest result whose answers equal those that a run would give, as far as the frames are the same.
 
     Parameters
     ----------
     out : Path
-        Root of all results.
+        Root of all results, raw or packed.
     solver : str
     wanted : RunProvenance
         Provenance of the run. Revision, detector, limits, libraries and the task's definition must agree. A result that
@@ -43,13 +45,35 @@ def earlier_row(out: Path, solver: str, wanted: RunProvenance) -> PackedRow | No
     -------
     PackedRow or None
         None where there is no such result.
+
+    Raises
+    ------
+    ResultsError
+        A result is damaged.
     """
+    usable = [
+        row
+        for row in (*_raw_rows(out, solver, wanted), *_packed_rows(out, solver, wanted))
+        if _same_but_for_frames(read_provenance(row.provenance), wanted) and (row.frames["status"] != ERROR).any()
+    ]
+    return max(usable, key=lambda row: str(row.provenance["date_utc"]), default=None)
+
+
+def _packed_rows(out: Path, solver: str, wanted: RunProvenance) -> list[PackedRow]:
     listing = out / wanted.frames.place.with_name(f"{wanted.frames.place.name}.json")
-    for row in read_packed(listing) if listing.is_file() else ():
-        if (row.solver, row.detections) == (solver, wanted.detections):
-            usable = _same_but_for_frames(read_provenance(row.provenance), wanted)
-            return row if usable and (row.frames["status"] != ERROR).any() else None
-    return None
+    rows = read_packed(listing) if listing.is_file() else []
+    return [row for row in rows if (row.solver, row.detections) == (solver, wanted.detections)]
+
+
+def _raw_rows(out: Path, solver: str, wanted: RunProvenance) -> list[PackedRow]:
+    """Raw results, which stay where rows on other frames keep them from being packed."""
+    return [raw_row(folder / SUMMARY_NAME) for folder in raw_folders(out, solver, wanted)]
+
+
+def raw_folders(out: Path, solver: str, wanted: RunProvenance) -> list[Path]:
+    """Folders of a solver's finished raw results on the frames that a run is to solve, of any revision of code and frames."""
+    found = sorted((out / wanted.frames.place / wanted.detections).glob(f"*/{SUMMARY_NAME}"))
+    return [summary.parent for summary in found if read_summary(summary).solver == solver]
 
 
 def _same_but_for_frames(earlier: RunProvenance, wanted: RunProvenance) -> bool:

@@ -288,6 +288,37 @@ def test_renewed_rows_wait_for_the_others_of_their_table(folder, tmp_path):
     assert (table.n_new, table.n_rows) == (2, 2)
 
 
+def test_raw_results_are_renewed_too_and_replaced(folder, tmp_path):
+    """Rows on other frames may keep them from being packed."""
+    frames = night(folder, FIRST)
+    solve(frames, [Counting("truth", frames.frames), Counting("other", frames.frames)], tmp_path)
+    change(folder, 1)
+    run, asked = renew(folder, tmp_path)
+    assert (run.n_kept, run.n_solved, len(asked)) == (N_FRAMES - 1, 1, 1)
+    folders = sorted(path.name.partition("-")[0] for path in (tmp_path / "night@1/dev/own").iterdir())
+    assert folders == ["other", "truth"]
+
+
+def test_packed_rows_on_other_frames_are_removed_only_when_asked(folder, tmp_path):
+    packed(tmp_path, folder, ("one", "two"))
+    change(folder, 1)
+    renew(folder, tmp_path, name="one")
+    with pytest.raises(ResultsError, match="their frames differ"):
+        pack_tree(tmp_path)
+    assert set(rows_of(tmp_path)) == {"one", "two"}
+    (table,) = pack_tree(tmp_path, remove_others=True)
+    assert (table.n_new, table.n_rows, table.removed, set(rows_of(tmp_path))) == (1, 1, ("two",), {"one"})
+
+
+def test_packed_rows_of_some_of_the_same_frames_are_kept(folder, tmp_path):
+    packed(tmp_path, folder, ("one", "two"))
+    one, two = read_packed(tmp_path / LISTING)
+    write_packed(tmp_path / LISTING, [dataclasses.replace(one, frames=one.frames[:4]), two])
+    renew(folder, tmp_path, name="two")
+    pack_tree(tmp_path, remove_others=True)
+    assert {name: len(row.frames) for name, row in rows_of(tmp_path).items()} == {"one": 4, "two": N_FRAMES}
+
+
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
     (tmp_path / "tiny.task.yaml").write_text(TINY)
@@ -329,3 +360,18 @@ def test_boards_solve_what_a_change_of_physics_changed(tiny, monkeypatch):
     assert "tiny@1, own detections: one: 2 of 3 frames as before, 1 solved again" in printed
     assert "two: " not in printed
     assert "0 rows to be made, 2 of today's code" in boards(tiny, "--plan")
+
+
+@pytest.mark.journey
+def test_frames_of_several_tasks_are_compared_in_parallel(tiny):
+    """With more frames, the answers to those that were there are kept; in one process or in two."""
+    (tiny / "small.task.yaml").write_text(TINY.replace("name: tiny", "name: small", 1))
+    other = str(tiny / "small.task.yaml")
+    boards(tiny, other)
+    for name in ("tiny", "small"):
+        choice = FrameChoice(per_condition=2, data=tiny / "data", workers=0)
+        make_task_frames(load_task_file(tiny / f"{name}.task.yaml"), str(tiny / f"{name}.task.yaml"), choice)
+    for jobs in ("1", "2"):
+        rows = json.loads(boards(tiny, other, "--frames", "2", "--jobs", jobs, "--plan", "--json"))["rows"]
+        counts = [(row["task"], row["frames"], row["as_before"]) for row in rows]
+        assert counts == [("tiny@1", 6, 3)] * 2 + [("small@1", 6, 3)] * 2
