@@ -110,10 +110,10 @@ def test_who_was_not_committed_to_is_kept_apart(scored) -> None:
     step(
         scored, "score", "--set", scored / "set", "--answers", scored / "set" / "answers.csv", "--name", "late", code=2
     )
-    out = ("--out", scored / "apart")
-    step(scored, "score", "--set", scored / "set", "--solver", "thesis-adaptive", "--later", *out)
-    (path,) = (scored / "apart").rglob("summary.json")
-    assert path.relative_to(scored / "apart").parts[1] == "later"
+    step(scored, "score", "--set", scored / "set", "--solver", "thesis-adaptive", "--later")
+    apart = scored / "public" / "first" / "later"
+    (path,) = apart.rglob("summary.json")
+    assert path.relative_to(apart).parts[1] == "later"
 
 
 def test_all_solvers_can_be_given_the_same_detections(scored, tmp_path, monkeypatch) -> None:

@@ -119,7 +119,9 @@ def score(
     ] = None,
     stars: Annotated[Path | None, typer.Option("--stars", help="Star table of the answers.")] = None,
     name: Annotated[str | None, typer.Option("--name", help="Of who submits the answers.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Results folder; default: ROUND/results.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Results folder; default: ROUND/results, of --later ROUND/later.")
+    ] = None,
     later: Annotated[
         bool, typer.Option("--later", help="Of a solver that was not settled before the draw: kept apart.")
     ] = False,
@@ -135,13 +137,13 @@ def score(
     if bool(solver) == bool(answers) or bool(answers) != bool(name):
         fail(RoundError("give --solver, or --answers and --name"))
     from benchmark.cli.rounds.scoring import Scoring, score_answers, score_solvers
+    from benchmark.rounds.private_frames import LATER
     from benchmark.rounds.secret import read_secret
     from benchmark.rounds.steps import draw as draw_round
 
     try:
-        wanted = Scoring(
-            folder, draw_round(folder, read_secret(secret), beacon), truth, packed, out or folder / "results", later
-        )
+        place = out or folder / (LATER if later else "results")
+        wanted = Scoring(folder, draw_round(folder, read_secret(secret), beacon), truth, packed, place, later)
         if answers is not None and name is not None:
             found = [score_answers(wanted, answers, stars, name)]
         else:
