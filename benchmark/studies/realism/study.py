@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from benchmark import provenance
 from benchmark.errors import ResultsError
@@ -317,12 +316,3 @@ def page(study: Study, mark: Mark, sentence: str) -> str:
         mark=mark,
         sentence=sentence,
     )
-
-
-def outcomes_in(path: Path) -> Outcomes:
-    """Read the outcomes of a study back from its table."""
-    table = pq.read_table(path).to_pandas()
-    solvers, names = tuple(table["solver"].unique()), tuple(table["photograph"].unique())
-    shape = (len(solvers), len(names))
-    columns = (table[name].to_numpy(np.float64).reshape(shape) for name in ("real_error_km", "twin_error_km"))
-    return Outcomes(solvers, *columns)
