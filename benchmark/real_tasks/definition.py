@@ -143,7 +143,7 @@ def load_real_task(name: str) -> RealTask:
     try:
         definition = RealTaskDefinition.model_validate(tree)
     except ValidationError as error:
-        raise TaskError(f"{path}: {wrong_key(error)}") from error
+        raise TaskError(f"{path}: {wrong_key(error, RealTaskDefinition)}") from error
     if revision and revision != str(definition.revision):
         raise TaskError(
             f"{name}: this version has revision {definition.revision} of it; use {bare}@{definition.revision}"

@@ -129,7 +129,7 @@ def parse_rules(text: str, source: str) -> Rules:
     except yaml.YAMLError as error:
         raise RoundError(f"{source}: not valid YAML ({' '.join(str(error).split())})") from error
     except ValidationError as error:
-        raise RoundError(f"{source}: {wrong_key(error)}") from error
+        raise RoundError(f"{source}: {wrong_key(error, RulesFile)}") from error
     rules = Rules(file, text)
     names = [kind.name for kind in file.kinds]
     if len(set(names)) != len(names):

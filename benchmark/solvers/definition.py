@@ -216,7 +216,7 @@ def _read_spec(folder: Path) -> SolverSpec:
     try:
         return SolverSpec.model_validate(read_yaml(path, LARGEST_SPEC_BYTES, SolverError))
     except ValidationError as error:
-        raise SolverError(f"{path}: {wrong_key(error)}") from error
+        raise SolverError(f"{path}: {wrong_key(error, SolverSpec)}") from error
 
 
 def _files_of(folder: Path) -> list[Path]:

@@ -262,7 +262,7 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
     try:
         definition = TaskDefinition.model_validate(read_yaml(path, LARGEST_FILE_BYTES, TaskError))
     except ValidationError as error:
-        raise TaskError(f"{path}: {wrong_key(error)}") from error
+        raise TaskError(f"{path}: {wrong_key(error, TaskDefinition)}") from error
     if definition.name != bare:
         raise TaskError(f"{path}: name is {definition.name!r}, the file's name says {bare!r}")
     if revision and revision != str(definition.revision):

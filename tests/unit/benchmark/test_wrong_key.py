@@ -20,7 +20,10 @@ FUSED = "name: mine-fused\ntitle: mine, fused\nlicence: MIT\n"
     [
         ("fuses: ../none\n", f"fuses: no {SPEC_NAME} in ../none"),
         ("fuses: .\n", "fuses: . fuses another"),
-        ("fuses: 5\n", "fuses: Input should be a valid string"),
+        ("fuses: 5\n", "fuses: found int 5, expected text, in quotes if it looks like a number"),
+        ("fuse: .\n", "fuse: unknown key; did you mean 'fuses'? Allowed: name, title,"),
+        ("command: python\n", "command: found str 'python', expected a list"),
+        ("command: [python]\ntime_limit_s: -1\n", "time_limit_s: found"),
         ("", "give either adapter or command or fuses"),
         ("fuses: ../none\nmemory_limit_mib: 100\n", "memory_limit_mib cannot be beside fuses"),
     ],
