@@ -51,7 +51,7 @@ def _rows_of_both_modes(boards: Mapping[str, Board], mark: str = "") -> list[lis
     rows = []
     for entry in boards["own"].entries:
         other = shared.get(entry.label)
-        there = ("-", "-") if other is None else (_with_interval(SUCCESS, other), _value(WRONG, other))
+        there = ("-", "-") if other is None else (_with_interval(SUCCESS, other), _with_interval(WRONG, other))
         rows.append([entry.label + mark, *_cells(entry)[1:], _value(TIME, entry), *there])
     return rows
 
@@ -74,7 +74,7 @@ def _cells(entry: Entry) -> list[str]:
         _with_interval(SUCCESS, entry),
         _value(BOUND, entry),
         _with_interval(NEES, entry),
-        _value(WRONG, entry),
+        _with_interval(WRONG, entry),
     ]
 
 
