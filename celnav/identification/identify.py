@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.identification.bright_lights import bright_lights
 from celnav.identification.effort import (
     BATCH_WORK,
     HYPOTHESIS_WORK,
@@ -213,12 +214,15 @@ class _Search:
         """Yield the hypotheses of all stages."""
         question, config = self.question, self.config
         ordered = config.narrow_stages if self.per_field > NARROW else config.pair_stages
-        most = order.rows[: max(stage.scored for stage in (*ordered, *config.single_stages))]
+        by_pairs = ordered if order.ranked else config.unordered_stages
+        stages = by_pairs if question.local is None else config.single_stages
+        if not bright_lights(None if question.mag is None else question.mag[order.rows]):
+            stages = tuple(stage for stage in stages if not stage.skipped)
+        most = order.rows[: max((stage.scored for stage in stages), default=0)]
         rays = question.rays[most].astype(np.float32)
         scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
-        by_pairs = ordered if order.ranked else config.unordered_stages
         done: set[tuple[float, int, int]] = set()
-        for stage in by_pairs if question.local is None else config.single_stages:
+        for stage in stages:
             view = View(rays[: stage.scored], scale[: stage.scored])
             in_field = (
                 config.scored_depth * len(view.rays) if order.ranked else config.unordered_depth * len(order.rows)
@@ -245,11 +249,11 @@ class _Search:
             yield np.concatenate(parts), passed_over
 
     def _paired_stars(self, stage: Stage, view: View, order: _Order) -> float:
-        """Return the number of stars of the whole sky among which those of the brightest detections are expected."""
-        bright = min(stage.bright, len(view.rays))
-        config = self.config
-        in_field = config.paired_depth * bright if order.ranked else config.unordered_paired_depth * len(order.rows)
-        return in_field * self.per_field
+        """Return the number of stars of the whole sky among which those of the stage's detections are expected."""
+        config, (start, end) = self.config, _ranks(stage, view)
+        if not order.ranked:
+            return config.unordered_paired_depth * len(order.rows) * self.per_field
+        return (config.skipped_depth if start else config.paired_depth) * end * self.per_field
 
     def _from_pairs(
         self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]
@@ -260,9 +264,9 @@ class _Search:
         """
         config = self.config
         level = self.index.at_least(self._paired_stars(stage, view, order))
-        bright = min(stage.bright, len(view.rays))
+        ranks = _ranks(stage, view)
         widest = min(level.pair_limit_rad, 2 * field_cone(self.question.camera)[1])
-        pairs = choose_pairs(view.rays, (0, bright), stage.lags, (config.narrowest_pair * widest, widest))
+        pairs = choose_pairs(view.rays, ranks, stage.lags, (config.narrowest_pair * widest, widest))
         pairs = pairs[np.array([(stage.sigma_px, int(i), int(j)) not in done for i, j in pairs], dtype=bool)]
         if not len(pairs):
             return
@@ -271,11 +275,11 @@ class _Search:
         # 0.25 %, and by no more than 0.03 deg.
         slack = (5e-5, 0.0) if self.question.up is not None else (5e-5, 2.5e-3)
         # The deeper the level, the more stars fit a pair, and the fewer pairs of detections go into a batch.
-        window = 14 * stage.sigma_px * float(view.radians_per_px[:bright].max())
+        window = 14 * stage.sigma_px * float(view.radians_per_px[slice(*ranks)].max())
         fitting = 2 * len(level.first) * min(1.0, window / level.pair_limit_rad)
         at_once = int(np.clip(config.hypotheses_at_once / fitting, 1, config.pairs_at_once))
         near = self.question.near
-        allowed = None if near is None else near.allowed(view.rays[:bright], self.index.xyz[: level.n])
+        allowed = None if near is None else near.allowed(view.rays[: ranks[1]], self.index.xyz[: level.n])
         for chunk in np.array_split(pairs, math.ceil(len(pairs) / at_once)):
             yield from pair_hypotheses(
                 view, chunk, level, self.index.xyz, stage.sigma_px, slack, 2 * config.hypotheses_at_once, allowed
@@ -288,8 +292,8 @@ class _Search:
         local, to_terrestrial = self.question.local, self.question.celestial_to_terrestrial
         assert local is not None
         stars = self.index.xyz[: self.index.at_least(self._paired_stars(stage, view, order)).n] @ to_terrestrial.T
-        bright = min(stage.bright, len(view.rays))
-        fresh = np.array([i for i in range(bright) if (stage.sigma_px, i, i) not in done], dtype=np.intp)
+        ranks = range(*_ranks(stage, view))
+        fresh = np.array([i for i in ranks if (stage.sigma_px, i, i) not in done], dtype=np.intp)
         done.update((stage.sigma_px, int(i), int(i)) for i in fresh)
         # A star may be in a given direction at two latitudes.
         at_once = max(1, 2 * self.config.hypotheses_at_once // (2 * len(stars)))
@@ -384,6 +388,12 @@ class _Search:
             if found.log10_false_alarm <= config.max_log10_false_alarm:
                 return found
         return None
+
+
+def _ranks(stage: Stage, view: View) -> tuple[int, int]:
+    """Return the first rank in brightness of the detections that make hypotheses, and the one after the last."""
+    start = int(stage.skipped * len(view.rays))
+    return start, min(start + stage.bright, len(view.rays))
 
 
 def _median_of_known(values: F8) -> float:

@@ -23,6 +23,9 @@ class Stage:
         Largest distance between a detection and the star that explains it under a raw hypothesis.
     scored : int
         Number of detections that score a hypothesis.
+    skipped : float
+        Fraction of these that make no hypotheses, the brightest. Stages that skip any are only for frames in which bright
+        detections are too many for stars (`celnav.identification.bright_lights`).
     """
 
     bright: int = bounded(least=1, most=10_000)
@@ -30,6 +33,7 @@ class Stage:
     sigma_px: float = bounded(least=0, most=1000)
     tolerance_px: float = bounded(least=0, most=1000)
     scored: int = bounded(150, 1, 10_000)
+    skipped: float = bounded(0, 0, 1)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -37,11 +41,18 @@ class Stage:
 
 # Noise and tolerance, pixels, for good centroids, and for 4 px of noise or a focal length that is off by 3 %.
 FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
+# Lamps, satellites and hot pixels are as often bright as faint, stars mostly faint. Where bright detections are too many for
+# stars (`bright_lights`), stars are most of the fainter ones, and some pairs of these come before more of the brightest.
+DEEP = 300
 PAIR_STAGES = (
     Stage(4, (1, 3), *FINE, scored=40),
     Stage(8, (1, 3), *FINE, scored=60),
     Stage(6, (1, 2), *COARSE, scored=60),
+    Stage(8, (1, 3), *FINE, scored=DEEP, skipped=0.5),
+    Stage(8, (1, 3), *FINE, scored=DEEP, skipped=0.75),
     Stage(24, (1, 3), *FINE),
+    Stage(8, (1, 3), *FINE, scored=DEEP, skipped=0.25),
+    Stage(20, (1, 3), *FINE, scored=DEEP, skipped=0.5),
     Stage(14, (1, 3), *COARSE),
     Stage(40, (1, 3), *FINE),
     Stage(30, (4, 8), *FINE),
@@ -56,8 +67,12 @@ SHARP = (0.4, 4.0)
 NARROW_STAGES = (
     Stage(4, (1, 3), *SHARP, scored=40),
     Stage(8, (1, 3), *SHARP, scored=60),
+    Stage(8, (1, 3), *SHARP, scored=DEEP, skipped=0.5),
+    Stage(8, (1, 3), *SHARP, scored=DEEP, skipped=0.75),
     Stage(14, (1, 3), *SHARP, scored=60),
     Stage(6, (1, 2), *FINE, scored=60),
+    Stage(8, (1, 3), *SHARP, scored=DEEP, skipped=0.3),
+    Stage(16, (1, 3), *SHARP, scored=DEEP, skipped=0.5),
     Stage(10, (4, 9), *SHARP, scored=60),
     Stage(24, (1, 3), *SHARP),
     Stage(6, (1, 2), *COARSE, scored=60),
@@ -76,11 +91,15 @@ UNORDERED_STAGES = (
     Stage(60, (1, 3), *COARSE),
 )
 # The error of one star is smaller than that of the difference of two, and a wider tolerance costs little.
+SINGLE = (0.8, 6.0)
 SINGLE_STAGES = (
-    Stage(6, (0, 0), 0.8, 6.0, scored=60),
-    Stage(16, (0, 0), 0.8, 6.0),
+    Stage(6, (0, 0), *SINGLE, scored=60),
+    Stage(16, (0, 0), *SINGLE),
+    Stage(8, (0, 0), *SINGLE, scored=DEEP, skipped=0.5),
+    Stage(8, (0, 0), *SINGLE, scored=DEEP, skipped=0.75),
     Stage(10, (0, 0), *COARSE),
-    Stage(60, (0, 0), 0.8, 6.0),
+    Stage(30, (0, 0), *SINGLE, scored=DEEP, skipped=0.5),
+    Stage(60, (0, 0), *SINGLE),
     Stage(60, (0, 0), *COARSE),
 )
 
@@ -112,6 +131,9 @@ class SearchConfig:
     paired_depth, scored_depth, verified_depth : float
         Number of catalogue stars in the field per detection that makes, scores and verifies hypotheses, if detections are
         ordered by brightness. The values exceed one because stars are missing and magnitudes differ.
+    skipped_depth : float
+        `paired_depth` of stages that skip the brightest detections, per detection to the last of the stage: less than one,
+        because these stages are for frames of which many bright detections are false.
     unordered_paired_depth, unordered_depth : float
         The same for detections without an order, per detection of the frame, since all stars of the field count.
     narrowest_pair : float
@@ -158,6 +180,7 @@ class SearchConfig:
     paired_depth: float = bounded(2.2, 0.01, 100)
     scored_depth: float = bounded(2.2, 0.01, 100)
     verified_depth: float = bounded(1.6, 0.01, 100)
+    skipped_depth: float = bounded(0.6, 0.01, 100)
     unordered_paired_depth: float = bounded(1.1, 0.01, 100)
     unordered_depth: float = bounded(1.2, 0.01, 100)
     narrowest_pair: float = bounded(0.12, 0, 1)
