@@ -73,7 +73,7 @@ def test_a_page_fits_screen_and_telephone(driver, name):
         assert driver.execute_script(EMPTY) == 0
         assert console(driver) == []
         # A browser that has just started may ask itself for its first page.
-        assert {url.split(":")[0] for url in requested(driver)} <= {"file", "data", "chrome"}
+        assert {url.split(":")[0] for url in requested(driver)} <= {"file", "data", "chrome", "chrome-untrusted"}
 
 
 @pytest.mark.parametrize(

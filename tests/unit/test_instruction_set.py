@@ -23,11 +23,11 @@ AVX2 = "flags\t\t: fpu sse4_2 abm avx2 bmi1 bmi2 f16c fma movbe\n"
 AVX512 = "flags\t\t: fpu sse4_2 abm avx2 bmi1 bmi2 f16c fma movbe avx512f avx512cd avx512bw avx512dq avx512vl\n"
 
 REPORT = """
-import generator
+import {first}
 import numpy as np
 from threadpoolctl import threadpool_info
 found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
-print(*found, *sorted({each["architecture"] for each in threadpool_info() if each["internal_api"] == "openblas"}))
+print(*found, *sorted({{each["architecture"] for each in threadpool_info() if each["internal_api"] == "openblas"}}))
 """
 
 WORKERS = """
@@ -99,10 +99,11 @@ def plain_environment(monkeypatch) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in settled}
 
 
-def test_a_process_that_imports_generator_first_takes_them(no_numpy, tmp_path, plain_environment) -> None:
+@pytest.mark.parametrize("first", ["generator", "benchmark.frames.opening"])
+def test_a_process_that_imports_it_first_takes_them(no_numpy, tmp_path, plain_environment, first) -> None:
     if not settle({}):
         pytest.skip("this processor has no AVX2, or does not say so")
-    assert run(REPORT, tmp_path, plain_environment).split() == [NUMPY_FEATURE, OPENBLAS_KERNELS]
+    assert run(REPORT.format(first=first), tmp_path, plain_environment).split() == [NUMPY_FEATURE, OPENBLAS_KERNELS]
 
 
 @pytest.mark.parametrize("first", ["import generator", "import numpy\nimport generator"])
