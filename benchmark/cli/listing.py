@@ -131,11 +131,15 @@ def real_task_table(tasks: Sequence[ListedRealTask]) -> Table:
 
 
 def solver_table(solvers: Sequence[ListedSolver]) -> Table:
-    """The solvers as a table; below each one that cannot run here, what it needs."""
+    """The solvers as a table; below it, what those need that cannot run here, each need once."""
     table = _table("Solvers", ("solver", "what it is", "licence"))
     for solver in solvers:
-        obstacle = f"\n[dim]not ready: {escape(solver.obstacle)}[/dim]" if solver.obstacle else ""
-        table.add_row(solver.solver, f"{escape(solver.title)}{obstacle}", escape(solver.licence))
+        mark = "\n[dim]not ready, see below[/dim]" if solver.obstacle else ""
+        table.add_row(solver.solver, f"{escape(solver.title)}{mark}", escape(solver.licence))
+    needs = dict.fromkeys(solver.obstacle for solver in solvers if solver.obstacle)
+    if needs:
+        table.caption = "\n".join(("Not ready:", *(escape(need) for need in needs)))
+        table.caption_justify = "left"
     return table
 
 

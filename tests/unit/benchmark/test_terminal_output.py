@@ -9,10 +9,12 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from benchmark.cli import boards
 from benchmark.cli.bench import app
+from benchmark.cli.listing import ListedSolver, solver_table
 from benchmark.cli.output import let_print
 from benchmark.report.refresh_plan import Job, Place
 
@@ -47,6 +49,16 @@ def test_a_command_prints_its_tables_in_ascii():
     )  # fmt: skip
     assert done.returncode == 0, done.stderr.decode()
     assert "+- points" in done.stdout.decode("ascii")
+
+
+def test_what_solvers_lack_is_said_once_below_the_list():
+    need = "one: its environment is missing; make it with: python3 -m venv here"
+    solvers = [ListedSolver(name, "Names stars", "MIT", need) for name in ("one", "one-fused")]
+    console = Console(width=80, file=io.StringIO())
+    console.print(solver_table([*solvers, ListedSolver("two", "Names stars too", "MIT", "")]))
+    printed = console.file.getvalue()
+    assert printed.count("not ready, see below") == 2
+    assert printed.count(need) == 1
 
 
 def test_the_list_is_readable_at_80_letters():
