@@ -99,7 +99,7 @@ def plain_environment(monkeypatch) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in settled}
 
 
-@pytest.mark.parametrize("first", ["generator", "benchmark.frames.opening"])
+@pytest.mark.parametrize("first", ["generator", "benchmark.frames.opening", "benchmark.run.engine"])
 def test_a_process_that_imports_it_first_takes_them(no_numpy, tmp_path, plain_environment, first) -> None:
     if not settle({}):
         pytest.skip("this processor has no AVX2, or does not say so")
