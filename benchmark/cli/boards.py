@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -93,6 +94,7 @@ def boards(
         BoardsRequest,
         count_as_before,
         plan_boards,
+        rendered_frames,
         run_plan,
     )  # loads the solvers
     from benchmark.run.packing import pack_tree
@@ -106,7 +108,8 @@ def boards(
     try:
         found = plan_boards(request)
         with progress_bars(hidden=not found.jobs) as bar:
-            comparing = bar.add_task("comparing frames with those of the results", total=None)
+            n_rendered = rendered_frames(found, request)
+            comparing = bar.add_task("comparing frames with those of the results", total=n_rendered)
             found, notes = count_as_before(found, request, partial(bar.advance, comparing))
         if not as_json:
             _print_plan(found, request)
@@ -117,7 +120,7 @@ def boards(
             return
         pack_tree(out, leave_others=True)
         with progress_bars() as bar:
-            made = run_plan(found, request, notes, _lines(bar))
+            made = run_plan(found, request, notes, _lines(bar, found))
         for obstacle in made.obstacles:
             typer.echo(f"not made: {obstacle}", err=True)
         for line in () if as_json else made.renewed:
@@ -138,14 +141,19 @@ def boards(
         raise typer.Exit(EXIT_PROBLEMS)
 
 
-def _lines(bar: Progress) -> Callable[[str, int], None]:
-    """A function to be called with a name and the number of further steps that are done; each name gets a line."""
+def _lines(bar: Progress, plan: Plan) -> Callable[[str, int], None]:
+    """A function to be called with a solver and the number of its further frames that are done; each solver gets a line."""
+    from benchmark.run.contestants import contestant_of
+
+    totals: Counter[str] = Counter()
+    for job in plan.jobs:
+        totals[contestant_of(job.place.solver).name] += job.n_frames
     lines: dict[str, TaskID] = {}
 
-    def advance(name: str, count: int) -> None:
-        if name not in lines:
-            lines[name] = bar.add_task(name, total=None)
-        bar.advance(lines[name], count)
+    def advance(solver: str, count: int) -> None:
+        if solver not in lines:
+            lines[solver] = bar.add_task(solver, total=totals[solver])
+        bar.advance(lines[solver], count)
 
     return advance
 

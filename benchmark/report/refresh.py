@@ -221,6 +221,13 @@ def _renewed_words(done: SolverRun) -> str:
     return f"{done.solver}: {done.n_kept} of {n_frames} frames as before, {n_frames - done.n_kept} solved again"
 
 
+def rendered_frames(plan: Plan, request: BoardsRequest) -> int:
+    """Number of frames of a plan's tasks that are at hand, which `count_as_before` compares."""
+    tasks = _tasks(request)
+    found = {job.place.task: job.n_frames for job in plan.jobs if at_hand(tasks[job.place.task][1], request.choice)}
+    return sum(found.values())
+
+
 def missing_frames(plan: Plan, request: BoardsRequest) -> int:
     """Number of frames that must be rendered first, for those of a plan's tasks of which no frame exists."""
     tasks = _tasks(request)
