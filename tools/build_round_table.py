@@ -22,8 +22,15 @@ from benchmark.report.site.tree import read_tree
 from benchmark.rounds.private_frames import LATER
 
 ROOT = Path(__file__).parents[1]
-LATEST = "open-sky-2026-11g"
-EARLIER = ("open-sky-2026-11f", "open-sky-2026-11e", "open-sky-2026-11c", "open-sky-2026-11b", "open-sky-2026-11")
+LATEST = "open-sky-2026-11h"
+EARLIER = (
+    "open-sky-2026-11g",
+    "open-sky-2026-11f",
+    "open-sky-2026-11e",
+    "open-sky-2026-11c",
+    "open-sky-2026-11b",
+    "open-sky-2026-11",
+)
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
 THIN_SPACE = "\u2009"  # between groups of thousands
 TABLE = "the latest round"
