@@ -28,7 +28,7 @@ from benchmark.errors import DatasetError, SolverError
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
-from benchmark.run.focal_retry import at_other_focal_lengths, shares
+from benchmark.run.focal_retry import at_focal_lengths, focal_factors, shares
 from benchmark.run.pinhole_frames import PinholeFrame, as_pinhole, is_centred_pinhole
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
@@ -121,14 +121,15 @@ class PipeSession:
         (`benchmark.run.focal_retry`), with the detections that it has found. The times add up, and the frame's limit applies
         to their sum.
         """
-        retries, limit_s = self._solver.spec.focal_retries, self._solver.limits.time_s
-        share, *later = shares(retries)
+        limit_s = self._solver.limits.time_s
+        factors = focal_factors(frame.observation) if self._solver.spec.focal_retries else ()
+        share, *later = shares(len(factors))
         first = self._asked_once(frame, shared, _Time(share * limit_s))
-        if first.status != REFUSED or not retries:
+        if first.status != REFUSED or not factors:
             return first
         found = shared if shared is not None or not len(first.uv) else _Found(first.uv, first.flux)
         responses = [first]
-        for other, share in zip(at_other_focal_lengths(frame), later, strict=True):
+        for other, share in zip(at_focal_lengths(frame, factors), later, strict=True):
             spent_s = sum(one.detect_ms + one.solve_ms for one in responses) / 1000.0
             if spent_s >= limit_s:
                 break

@@ -5,9 +5,10 @@
 
 LIFELINE is the reading end of a pipe whose other end the caller holds and never writes to: the pipe ends with the caller,
 however the caller ends. STATUS is the writing end of another pipe, on which one line says ``started PID`` or
-``failed ERRNO``, and a last one ``ended STATUS``, with a negative number for a signal. The program has the standard streams
-to itself. PLACES is the number of pairs of names that follow it: if there are any, the program runs in its own namespaces and
-sees only these (`benchmark.solvers.namespaces`). The second form does the same with a program that does nothing.
+``failed ERRNO``, and a last one ``ended STATUS``, with a negative number for a signal, or ``ended memory`` if the program
+and what it has started held more than MEMORY_BYTES together. The program has the standard streams to itself. PLACES is the
+number of pairs of names that follow it: if there are any, the program runs in its own namespaces and sees only these
+(`benchmark.solvers.namespaces`). The second form does the same with a program that does nothing.
 
 Processes whose parents have died become children of the nearest ancestor that asked for them (PR_SET_CHILD_SUBREAPER, see
 prctl(2)), even those in their own sessions, so killing children until there are none left reaches all of them. The module
@@ -30,6 +31,8 @@ from pathlib import Path
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 POLL_S = 0.005
+WATCH_S = 0.25
+"""Time between two looks at the memory of all processes."""
 PROBE_BYTES = 2**20
 
 
@@ -59,10 +62,12 @@ def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], 
     _leave_the_streams()
     _say(status, f"started {_innermost(process.pid) if places else process.pid}")
     handle = os.pidfd_open(process.pid)
-    ready, _, _ = select.select([lifeline, handle], [], [])
+    ready: list[int] = []
+    while not ready and not _too_much(memory_bytes):
+        ready, _, _ = select.select([lifeline, handle], [], [], WATCH_S)
     code = process.wait() if handle in ready else -signal.SIGKILL
     _end_children()
-    _say(status, f"ended {code}")
+    _say(status, f"ended {code}" if ready else "ended memory")
 
 
 def _leave_the_streams() -> None:
@@ -105,15 +110,52 @@ def _innermost(pid: int) -> int:
 
 
 def _children(of: int | None = None) -> list[int]:
-    parent_wanted = os.getpid() if of is None else of
-    found = []
+    wanted = os.getpid() if of is None else of
+    return [pid for pid, parent in _parents().items() if parent == wanted]
+
+
+def _parents() -> dict[int, int]:
+    """The parent of each process."""
+    found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             # Fields after the name in brackets, which may contain anything: state, parent, … (proc(5)).
-            parent = stat.read_bytes().rpartition(b")")[2].split()[1]
-            if int(parent) == parent_wanted:
-                found.append(int(stat.parent.name))
+            found[int(stat.parent.name)] = int(stat.read_bytes().rpartition(b")")[2].split()[1])
     return found
+
+
+def _too_much(memory_bytes: int) -> bool:
+    """Whether all processes together hold more memory than allowed; each by itself is limited by RLIMIT_AS.
+
+    Pages that several processes share count once (proportional set size, proc(5)). Resident sizes, which are faster to
+    read and never smaller, are looked at first.
+    """
+    pids = _descendants()
+    return len(pids) > 1 and all(
+        sum(read(pid) for pid in pids) > memory_bytes for read in (_resident_bytes, _proportional_bytes)
+    )
+
+
+def _descendants() -> list[int]:
+    parents = _parents()
+    found = [os.getpid()]
+    for pid in found:
+        found += [child for child, parent in parents.items() if parent == pid]
+    return found[1:]
+
+
+def _resident_bytes(pid: int) -> int:
+    with contextlib.suppress(OSError):
+        return int(Path(f"/proc/{pid}/statm").read_bytes().split()[1]) * resource.getpagesize()
+    return 0
+
+
+def _proportional_bytes(pid: int) -> int:
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/smaps_rollup").read_bytes().splitlines():
+            if line.startswith(b"Pss:"):
+                return int(line.split()[1]) * 1024
+    return _resident_bytes(pid)
 
 
 def _say(status: int, words: str) -> None:

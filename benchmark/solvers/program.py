@@ -59,7 +59,7 @@ class Limits:
     time_s : float
         Wall-clock time per frame, for all requests about it together.
     memory_mib : int
-        Address space of each of its processes (RLIMIT_AS).
+        Address space of each of its processes (RLIMIT_AS), and memory of all of them together.
     start_s : float
         Wall-clock time until it sends its hello.
     """
@@ -299,9 +299,11 @@ class ProgramSession:
 
     def _end(self) -> str:
         """Describe how the program ended."""
-        _, _, status = self._heard_of_guardian(_ENDING_S).partition(" ")
+        status = self._heard_of_guardian(_ENDING_S).partition(" ")[2].strip()
         if not status:
             return "closed its output"
+        if status == "memory":
+            return f"held more than {self.limits.memory_mib} MiB with the processes that it started"
         code = int(status)
         if code < 0:
             return f"ended by signal {_name_of_signal(-code)}"

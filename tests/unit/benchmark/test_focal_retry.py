@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+import math
+
 import numpy as np
 import pytest
 from unit.benchmark.fake_night import write_dataset
 
 from benchmark.frames.dataset import open_dataset
+from benchmark.run.focal_retry import FOCAL_FACTORS, focal_factors
 from benchmark.run.sessions import PipeSession
 from benchmark.solvers.definition import read_solver_folder
 from benchmark.solvers.messages import reply_of
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.stats.metrics import FIX, REFUSED
+from celnav.camera import Camera
+from celnav.problem import ToldSigmas
 from celnav.sky.catalog import load_catalog, propagate
 
 THESIS = ["adaptive", "baseline", "baseline+si", "baseline+si+pr", "catalogue-only"]
@@ -59,6 +66,30 @@ def test_the_first_focal_length_that_gives_a_fix_counts_with_the_detections_of_t
     assert found.answer.lat_deg == 2.0
     assert found.answer.lon_deg == pytest.approx(1.13 * told)
     np.testing.assert_array_equal(found.uv, [[1.0, 2.0], [3.0, 4.0]])
+
+
+def told(frame, **sigmas):
+    return dataclasses.replace(frame, observation=dataclasses.replace(frame.observation, **sigmas))
+
+
+def test_an_open_focal_length_is_searched_as_widely_as_celnav_does(tmp_path, frame):
+    """To three standard deviations, in steps within which a solver finds the stars."""
+    wide = told(frame, focal_sigma=0.17)
+    factors = sorted(focal_factors(wide.observation))
+    assert max(factors) == pytest.approx(1 / min(factors))
+    assert math.log(max(factors)) > 3 * 0.17 - 0.06
+    assert max(later / earlier for earlier, later in itertools.pairwise(factors)) < 1.3
+    expected = ToldSigmas(focal=0.17).focal_factors((0.88, 1.13), Camera.from_dict(wide.observation.camera.as_given()))
+    assert focal_factors(wide.observation) == expected
+    focal_px = frame.observation.camera.f_px
+    found = asked(tmp_path, wide, f"camera['f_px'] > {1.5 * focal_px}", retries=True)
+    assert found.status == FIX
+    assert 1.5 * focal_px < found.answer.lon_deg < 1.8 * focal_px
+
+
+def test_a_distortion_that_is_not_told_leaves_the_focal_length_open_too(frame):
+    assert focal_factors(told(frame, distortion_sigma=0.3).observation) != FOCAL_FACTORS
+    assert focal_factors(told(frame, focal_sigma=0.0001).observation) == FOCAL_FACTORS
 
 
 def test_a_refusal_is_that_of_the_told_focal_length(tmp_path, frame):

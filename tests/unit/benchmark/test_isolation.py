@@ -104,6 +104,7 @@ def frames(tmp_path_factory):
         ("abort", "ended by signal SIGABRT"),
         ("garbage", "not JSON: b'Solved! lat = 48'"),
         ("memory", "MemoryError"),
+        ("memory of children", "held more than 600 MiB with the processes that it started"),
         ("hang", "no answer within 1 s"),
     ],
 )

@@ -50,6 +50,7 @@ def frames(tmp_path_factory):
         ("flood", "more than 16000000 bytes"),
         ("flood of lines", "not JSON"),
         ("memory", "MemoryError"),
+        ("memory of children", "held more than 600 MiB with the processes that it started"),
     ],
 )
 def test_a_misbehaving_program_is_killed_and_named(frames, way, message):
@@ -60,6 +61,14 @@ def test_a_misbehaving_program_is_killed_and_named(frames, way, message):
             running.ask(request_of(frames[0], None, frames[0].image_path))
         assert caught.value.time_ms >= 0.0
         assert not running.running
+
+
+def test_pages_that_processes_share_count_once(frames):
+    """Three children of a process of 300 MB have 1.2 GB of resident memory in all, and 300 MB of memory."""
+    with session("shared memory", Limits(time_s=30.0, memory_mib=600, start_s=20.0)) as running:
+        running.start()
+        exchange = running.ask(request_of(frames[0], None, frames[0].image_path))
+    assert exchange.message["lat_deg"] == 30.0
 
 
 def test_children_are_killed_too(frames, tmp_path, monkeypatch):

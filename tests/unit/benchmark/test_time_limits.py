@@ -73,8 +73,17 @@ def test_each_try_is_told_its_share_of_what_is_left(tmp_path, frame):
 
 
 def test_who_is_asked_once_may_take_all():
-    assert shares(False) == (1.0,)
-    assert shares(True)[-1] == 1.0
+    assert shares(0) == (1.0,)
+    assert shares(2)[-1] == 1.0
+
+
+def test_shares_of_what_is_left_give_all_tries_after_the_first_the_same_time():
+    left, given = 1.0, []
+    for share in shares(26):
+        given.append(share * left)
+        left -= given[-1]
+    assert left == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(given[1:], 0.4 / 26)
 
 
 def test_all_tries_together_take_no_longer_than_the_frame_may(tmp_path, frame):

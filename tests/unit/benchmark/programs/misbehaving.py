@@ -55,6 +55,22 @@ def main():
             kept = []
             while True:
                 kept.append(bytearray(10_000_000))
+        elif WAY == "memory of children":
+            hold = "kept = bytearray(250_000_000); import time; time.sleep(100)"
+            children = [subprocess.Popen([sys.executable, "-c", hold]) for _ in range(3)]
+            children[0].wait()
+        elif WAY == "shared memory":
+            kept = bytearray(300_000_000)
+            children = []
+            for _ in range(3):
+                if child := os.fork():
+                    children.append(child)
+                else:
+                    time.sleep(1.5)
+                    os._exit(0)
+            for child in children:
+                os.waitpid(child, 0)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"], "lat_deg": len(kept) / 1e7}), flush=True)
         elif WAY == "spy":
             beside = os.listdir(os.path.dirname(request["image"]))
             answer = {"type": "fix", "status": "refused", "reason": " ".join(["saw", *beside])}
