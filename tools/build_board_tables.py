@@ -2,7 +2,8 @@
 
 The tables only show complete systems, each with its own detector. The first table has success and wrong fixes of the solvers
 on each task that most of them have run (a dash: not run). The second has successes at each condition and the bracket of the
-break point. `--check` writes nothing and fails where the page has other tables.
+break point, the third errors over the bound where the supplied vertical limits every solver. `--check` writes nothing and
+fails where the page has other tables.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ SOLVERS = ("skybench", "learned", "tetra3rs", "cedar-solve", "zenith-fixer", "ru
 LEAST = 4
 """Number of these solvers that must have run a task for it to get a line."""
 BY_CONDITION = ("skybench", "tetra3rs", "tetra3rs-fused")
-BY_SOLVER_TABLE, BY_CONDITION_TABLE = "success by solver", "success by condition"
+BY_SOLVER_TABLE, BY_CONDITION_TABLE, BOUND_TABLE = "success by solver", "success by condition", "error over bound"
+LIMITED_BY_ATTITUDE = "attitude@2"
 Boards = Mapping[str, Mapping[str, StoredResult]]
 
 
@@ -60,6 +62,18 @@ def by_condition(boards: Boards) -> str:
             head = f"`{task}` | {size}" if solver == shown[0] else " | "
             _, wrong = _outcome(row)
             lines.append(f"| {head} | {solver} | {' '.join(map(str, hits))} | {_bracket(row, levels)} | {wrong} |")
+    return "\n".join(lines)
+
+
+def over_bound(rows: Mapping[str, StoredResult]) -> str:
+    """Median error of all fixes over the frames' bounds, at each condition."""
+    shown = {solver: rows[solver] for solver in SOLVERS if solver in rows}
+    levels = _levels(next(iter(shown.values())))[0]
+    lines = [f"| solver | {' | '.join(map(_number, levels))} |", f"|{'---|' * (1 + len(levels))}"]
+    for solver, row in shown.items():
+        values, ratios = column(row.frames, row.task.by), column(row.frames, "error_km") / column(row.frames, "crlb_km")
+        medians = [np.median(ratios[(values == level) & fixed(row.frames)]) for level in levels]
+        lines.append(f"| {solver} | {' | '.join(f'{median:.3g}' for median in medians)} |")
     return "\n".join(lines)
 
 
@@ -118,9 +132,11 @@ def with_tables(page: str, tables: Mapping[str, str], page_name: str = PAGE.name
 
 
 def tables_of(boards: Path) -> dict[str, str]:
-    """Both tables by their names."""
+    """All tables by their names."""
     rows = whole_systems(boards)
-    return {BY_SOLVER_TABLE: by_solver(rows), BY_CONDITION_TABLE: by_condition(rows)}
+    tables = {BY_SOLVER_TABLE: by_solver(rows), BY_CONDITION_TABLE: by_condition(rows)}
+    limited = rows.get(LIMITED_BY_ATTITUDE)
+    return tables | {BOUND_TABLE: over_bound(limited)} if limited else tables
 
 
 def main(arguments: Iterable[str] | None = None) -> None:

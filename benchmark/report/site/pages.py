@@ -36,7 +36,7 @@ from benchmark.report.site.revisions import (
 from benchmark.report.site.site_view import make_styles, make_view, solver_page
 from benchmark.report.site.task_groups import group_of
 from benchmark.report.site.tree import read_tree
-from benchmark.report.site.words import board_provenance, board_verdict, detectable_words
+from benchmark.report.site.words import board_provenance, board_verdict, detectable_words, processor_words
 from benchmark.report.templates import environment, read_sheet
 from benchmark.run.results import writing
 from benchmark.stats.confidence import RiskCoverage
@@ -129,7 +129,11 @@ def render_site(
     view = make_view(boards, styles, places)
     template = _templates(styles, view.name)
     by = report_command(places)
-    pages = {"index.html": template("index.html").render(site=view, mark=page_mark(entries_of(boards), ["*"], by))}
+    pages = {
+        "index.html": template("index.html").render(
+            site=view, processor_words=processor_words(boards), mark=page_mark(entries_of(boards), ["*"], by)
+        )
+    }
     anchors = {}
     for board, failures, shown in zip(boards, failed, pictures, strict=True):
         cards = worst_cards(board, shown)
@@ -140,6 +144,7 @@ def render_site(
             siblings=[one for one in boards if one.task.key == board.task.key and one is not board],
             verdict=board_verdict(board),
             detectable_words=detectable_words(board),
+            processor_words=processor_words([board]),
             charts=_board_charts(board, styles),
             differences=_differences(board),
             cards=cards,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
 from benchmark.frames.frame_set import FrameFacts
@@ -71,6 +71,18 @@ def detectable_words(board: Board) -> str:
         f"Minimum detectable difference: {100.0 * board.detectable:.1f} points of success between a typical pair of "
         f"solvers are found with a probability of 80 % (5 % level, adjusted for all pairs). Smaller ones may exist."
     )
+
+
+def processor_words(boards: Sequence[Board]) -> str:
+    """Which solvers were timed on which processor, where there are several; empty where all times can be compared."""
+    timed: defaultdict[str, set[str]] = defaultdict(set)
+    for board in boards:
+        for entry in board.entries:
+            timed[entry.stored.provenance.machine.get("cpu", "unknown")].add(entry.label)
+    if len(timed) < 2:
+        return ""
+    listed = "; ".join(f"{', '.join(sorted(labels))} on {processor}" for processor, labels in sorted(timed.items()))
+    return f"Times of different processors are not comparable: {listed}."
 
 
 def run_words(entry: Entry) -> str:

@@ -31,7 +31,7 @@ from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.pages import render_site, write_site
 from benchmark.report.site.pictures import Pictures
 from benchmark.report.site.tree import read_tree
-from benchmark.report.site.words import detectable_words, site_verdict
+from benchmark.report.site.words import detectable_words, processor_words, site_verdict
 from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
 from generator.identity.pixels import pixels_sha256
@@ -164,6 +164,17 @@ def test_the_best_solver_comes_first_and_the_verdict_admits_doubt(boards):
     assert "in 1 the first place is not decided" in site_verdict([doubt])
     assert "12.3 points of success" in detectable_words(dataclasses.replace(boards[0], detectable=0.123))
     assert "none" in detectable_words(dataclasses.replace(boards[0], detectable=math.nan))
+
+
+def test_rows_timed_on_several_processors_are_named(boards):
+    assert processor_words(boards) == ""
+    first, *others = boards[0].entries
+    run = dataclasses.replace(first.stored.provenance, machine={"cpu": "a faster one"})
+    faster = dataclasses.replace(first, stored=dataclasses.replace(first.stored, provenance=run))
+    mixed = dataclasses.replace(boards[0], entries=(faster, *others))
+    rest = ", ".join(sorted(entry.label for entry in others))
+    expected = f"Times of different processors are not comparable: {first.label} on a faster one; {rest} on a processor."
+    assert processor_words([mixed]) == expected
 
 
 def _ranked(board, lows):
