@@ -87,7 +87,7 @@ def render_perturbed(
 ) -> None:
     """Render the frames that a folder lacks; without a perturbation they are the generator's own.
 
-    All sets have the same sites, instants, attitudes and noise.
+    `progress` is called for each frame that is there. All sets have the same sites, instants, attitudes and noise.
 
     Raises
     ------
@@ -96,7 +96,10 @@ def render_perturbed(
     changed = perturbed_scenario(scenario, perturbation, n_frames)
     place = FrameFolder(folder, changed)
     place.open(overwrite=False)
-    for index in place.missing(False, False):
+    missing = place.missing(False, False)
+    for _ in range(n_frames - len(missing)):
+        progress()
+    for index in missing:
         plan = plan_frame(changed, index)
         if perturbation is not None:
             plan = displaced(plan, perturbation)

@@ -106,8 +106,12 @@ def answers_by_set(
     sets: Mapping[str, Path], solvers: Sequence[str], results: Path, progress: StudyProgress
 ) -> dict[str, Mapping[str, pd.DataFrame]]:
     """Run every solver once over all sets; returns tables of frames by set and solver."""
-    frames = joined_sets(sets)
-    runs = run(frames, list(solvers), results, progress=lambda solver, count: progress.advance())
+
+    def advance(solver: str, n_frames: int) -> None:
+        for _ in range(n_frames):
+            progress.advance()
+
+    runs = run(joined_sets(sets), list(solvers), results, progress=advance)
     tables: dict[str, dict[str, pd.DataFrame]] = {key: {} for key in sets}
     for one in runs:
         table = read_frames(one.folder / FRAMES_NAME)
