@@ -203,38 +203,37 @@ class SkybenchSolver:
         given = prepared
         start = self._start(alignment, rotation, prepared)
         adjusted, prepared, readout = self._adjust(problem, given, dirs, pairs, start, priors)
-        shared, scatter_cov, common = None, np.zeros((3, 3)), np.zeros((3, 3))
-        if adjusted is not None:
-            weather = problem.weather.pressure_hpa, problem.weather.temperature_c
-            up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
-            told = math.hypot(RELATIVE_SIGMA, problem.sigmas.refraction(*weather)) if air is None else air.sigma
-            seen = FieldOfStars(
-                camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, weather, told, prepared.whitening
-            )
-            named = NamedStars.of(seen, adjusted)
-            if air is None and (shown := shown_refraction(named)) is not None:
-                problem = replace(problem, weather=refracting(problem.weather, shown.value))
-                corrected = prepare(
-                    problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg
-                )
-                return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown)
-            widened, shared = with_shared_errors(named, priors, problem.attitude)
-            # Residuals that neighbours share come from a wrong lens or moving air, and say nothing about the scatter of
-            # single stars.
-            if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
-                weighed = given.weighed(sigmas)
-                # Orientation and camera belong together: with the camera as supplied, the stars would be elsewhere.
-                anew, pairs = paired_at(camera, weighed, dirs, adjusted)
-                again, moved, read = self._adjust(problem, weighed, dirs, pairs, anew, priors)
-                if again is not None:
-                    adjusted, prepared, readout = again, moved, read
-                    seen = replace(seen, uv=prepared.uv, relative_sigma=sigmas, whitening=prepared.whitening)
-                    widened, shared = with_shared_errors(NamedStars.of(seen, again), priors, problem.attitude)
-            scatter_cov = adjusted.cov[:3, :3]
-            common = widened.cov[:3, :3] - scatter_cov + _by_camera(adjusted)
-            adjusted = widened
-        if adjusted is None or int(np.count_nonzero(adjusted.weight > 0.5)) < self.config.min_stars:
-            return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
+        misfit = Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
+        if adjusted is None or not self._fits(adjusted):
+            return misfit
+        weather = problem.weather.pressure_hpa, problem.weather.temperature_c
+        up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
+        told = math.hypot(RELATIVE_SIGMA, problem.sigmas.refraction(*weather)) if air is None else air.sigma
+        seen = FieldOfStars(
+            camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, weather, told, prepared.whitening
+        )
+        named = NamedStars.of(seen, adjusted)
+        if air is None and (shown := shown_refraction(named)) is not None:
+            problem = replace(problem, weather=refracting(problem.weather, shown.value))
+            corrected = prepare(problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg)
+            return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown)
+        widened, shared = with_shared_errors(named, priors, problem.attitude)
+        # Residuals that neighbours share come from a wrong lens or moving air, and say nothing about the scatter of single
+        # stars.
+        if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
+            weighed = given.weighed(sigmas)
+            # Orientation and camera belong together: with the camera as supplied, the stars would be elsewhere.
+            anew, pairs = paired_at(camera, weighed, dirs, adjusted)
+            again, moved, read = self._adjust(problem, weighed, dirs, pairs, anew, priors)
+            if again is not None:
+                if not self._fits(again):
+                    return misfit
+                adjusted, prepared, readout = again, moved, read
+                seen = replace(seen, uv=prepared.uv, relative_sigma=sigmas, whitening=prepared.whitening)
+                widened, shared = with_shared_errors(NamedStars.of(seen, again), priors, problem.attitude)
+        scatter_cov = adjusted.cov[:3, :3]
+        common = widened.cov[:3, :3] - scatter_cov + _by_camera(adjusted)
+        adjusted = widened
         fix = describe(
             problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared, air
         )
@@ -261,6 +260,10 @@ class SkybenchSolver:
             fix, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2,
             heading_off_deg=place.heading_off_deg,
         )  # fmt: skip
+
+    def _fits(self, adjusted: Adjusted) -> bool:
+        """Whether enough stars agree with the adjustment."""
+        return int(np.count_nonzero(adjusted.weight > 0.5)) >= self.config.min_stars
 
     def _adjust(
         self,
