@@ -1,10 +1,15 @@
 """Covariances of fits by a few stars, whose residuals hardly know the noise: Student's distribution, not the normal one."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import stats
 
 import celnav
+import celnav.skybench_solver
+from benchmark.fields.solver_bars import attitude_of, camera_of
+from benchmark.fields.solver_fields import Condition, make_field
 from celnav.adjustment import CameraPriors, adjust, noise_known_by
 
 CAMERA = celnav.Camera("pinhole", width=1080, height=720, f_px=935.3, cx_px=539.5, cy_px=359.5)
@@ -52,3 +57,32 @@ def test_what_was_told_is_not_widened():
     """A principal point told to 0.002 px, which four stars cannot better, stays as uncertain as it was told."""
     adjusted = fitted(np.random.default_rng(8), 4, CameraPriors(centre_px=0.002))
     assert adjusted.camera_sigmas[1:3] == pytest.approx([0.002, 0.002], rel=0.01)
+
+
+@pytest.mark.parametrize("kept", [0, 3])
+@pytest.mark.parametrize("round_", [1, 2])
+def test_a_field_that_its_adjustment_leaves_with_too_few_stars_is_refused(monkeypatch, kept, round_):
+    """In the first adjustment, and in the one that weighs stars by the noise that was measured."""
+    condition = Condition("vertical known", 60, 5.5, noise_px=0.3)
+    field = make_field(condition, 3, 0)
+    rounds = []
+
+    def emptied(*args, **more):
+        found = adjust(*args, **more)
+        rounds.append(found)
+        if len(rounds) < round_:
+            return found
+        few = slice(0, kept)
+        return dataclasses.replace(
+            found, detection=found.detection[few], star=found.star[few], weight=found.weight[few],
+            residual_px=found.residual_px[few],
+        )  # fmt: skip
+
+    given = (camera_of(condition), field.utc, attitude_of(condition, field))
+    monkeypatch.setattr(celnav.skybench_solver, "adjust", emptied)
+    monkeypatch.setattr(celnav.skybench_solver, "measured_sigmas", lambda seen, adjusted: np.ones(len(seen.uv)))
+    fix = celnav.solve(field.uv, *given)
+    assert len(rounds) >= round_
+    assert not fix.ok
+    assert fix.reason == celnav.Reason.INCONSISTENT
+    assert "do not fit one orientation" in fix.message
