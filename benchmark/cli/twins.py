@@ -69,7 +69,7 @@ def twin(
     """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two.
 
     Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is taken from the scene.
-    In a folder that `skybench import` wrote, the records state place, time, lens and attitude; the scene has sensor and ground.
+    In a folder that `skybench import` wrote, the records state place, time, lens and attitude; the scene has the sensor.
     The twins with their truth are a dataset in OUT/frames.
     """
     from benchmark.twin.render_twin import make_twin
