@@ -17,7 +17,8 @@ from benchmark.errors import BenchmarkError, PhotographError
 from generator.errors import GeneratorError
 
 if TYPE_CHECKING:
-    from benchmark.place import Place
+    from benchmark.twin.scene import Scene
+    from benchmark.twin.sources import Source
 
 
 def add_to(app: typer.Typer) -> None:
@@ -25,13 +26,18 @@ def add_to(app: typer.Typer) -> None:
     app.command(
         epilog="Examples: skybench twin nights/*.fits.bz2 --scene observatory_allsky --out out/twins; "
         "skybench twin nights/*.fits --scene mine.yaml --ground ground.png; "
-        "skybench twin FF_*.fits.gz --scene meteor --mask mask.bmp"
+        "skybench twin FF_*.fits.gz --scene meteor --mask mask.bmp; "
+        "skybench twin out/night --scene observatory_allsky"
     )(twin)
 
 
 def twin(
     photographs: Annotated[
-        list[Path], typer.Argument(metavar="FITS…", help="Raw photographs of one fixed camera, with place and time.")
+        list[Path],
+        typer.Argument(
+            metavar="PHOTOGRAPHS…",
+            help="Raw FITS files of one fixed camera, with place and time; or a folder that `skybench import` wrote.",
+        ),
     ],
     scene: Annotated[
         Path,
@@ -41,7 +47,9 @@ def twin(
             autocompletion=completion.scenarios,
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder for scenarios, pictures and tables.")] = Path("out/twins"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for scenarios, pictures, tables and frames.")] = Path(
+        "out/twins"
+    ),
     ground: Annotated[
         Path | None,
         typer.Option("--ground", help="Write what is not sky as a landscape picture (PNG) for the scene, and end."),
@@ -61,46 +69,51 @@ def twin(
     """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two.
 
     Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is taken from the scene.
+    In a folder that `skybench import` wrote, the records state place, time, lens and attitude; the scene has the sensor.
+    The twins with their truth are a dataset in OUT/frames.
     """
-    from benchmark.place import Place
-    from benchmark.twin.photograph import check_names, read_photograph
     from benchmark.twin.render_twin import make_twin
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
     from benchmark.twin.scene import read_passing, read_scene
+    from benchmark.twin.sources import sources_of
+    from benchmark.twin.truth import FRAMES, TruthFolder
     from benchmark.twin.video_twin import make_video_twin
     from benchmark.twin.view import not_sky_of
     from generator.scenario.shipped import find_scenario
 
     try:
-        camera_scene = read_scene(find_scenario(scene))
-        site = camera_scene.spec.site
-        place = Place(site.latitude_deg, site.longitude_deg, site.height_m)
-        hidden = None if mask is None else not_sky_of(mask, camera_scene.camera)
+        given = read_scene(find_scenario(scene))
         trails = {} if passing is None else read_passing(passing)
+        sources = sources_of(photographs)
         if ground is not None:
             _check_writable(ground.parent)
-            _write_ground(photographs, scene, place, ground)
+            _write_ground(sources, given, ground)
             typer.echo(str(ground))
             return
-        check_names(photographs)
         _check_writable(out)
+        frames = TruthFolder(out / FRAMES)
         rows = []
-        for path in photographs:
-            with working(f"{path.name}: twin"):
-                photograph = read_photograph(path, place)
-                make = make_twin if photograph.stack is None else make_video_twin
+        for source in sources:
+            with working(f"{source.name}: twin"):
+                camera_scene, photograph = source.read(given)
+                hidden = None if mask is None else not_sky_of(mask, camera_scene.camera)
+                video = photograph.mean_of_video or camera_scene.spec.sensor.video is not None
+                make = make_video_twin if video else make_twin
                 made = make(camera_scene, photograph, out, not_sky=hidden, passing=trails.get(photograph.name, ()))
             if not math.isfinite(made.alignment.rms_px):
-                typer.echo(f"{path.name}: too few stars for an attitude; the twin has the scene's", err=True)
+                whose = "scene's" if source.imported is None else "record's"
+                typer.echo(f"{source.name}: too few stars for an attitude; the twin has the {whose}", err=True)
             write_picture(made, out)
+            frames.add(made)
             rows.append(numbers_of_twin(made))
             write_report(rows, out)
     except (BenchmarkError, GeneratorError) as error:
         fail(error)
     if as_json:
-        print_json({"twins": rows, "out": out})
+        print_json({"twins": rows, "out": out, "frames": out / FRAMES})
         return
     typer.echo(tables_of(rows), nl=False)
+    typer.echo(str(out / FRAMES))
     typer.echo(str(out / TABLES))
 
 
@@ -114,30 +127,29 @@ def _check_writable(folder: Path) -> None:
         raise PhotographError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
 
 
-def _write_ground(photographs: list[Path], scene: Path, place: Place, target: Path) -> None:
+def _write_ground(sources: list[Source], given: Scene, target: Path) -> None:
     import io
 
     from PIL import Image
 
     from benchmark.twin.ground import ground_mask, ground_reflectance, landscape_picture
-    from benchmark.twin.photograph import read_photograph
-    from benchmark.twin.scene import read_scene
     from benchmark.twin.video_twin import stack_dn
     from benchmark.twin.view import dark_plane, view_of
     from generator.files import write_bytes
-    from generator.scenario.shipped import find_scenario
 
-    fixed = read_scene(find_scenario(scene))
-    camera, circle_px, sensor = fixed.camera, fixed.spec.camera.image_circle_px, fixed.spec.sensor
-    frames = []
-    for path in photographs:
-        with working(f"{path.name}: reading"):
-            photograph = read_photograph(path, place)
-            pixels = photograph.pixels
-            fixed.check_size(path.name, pixels.shape)
-            black_dn = sensor.black_level_dn * (1.0 if photograph.stack is None else stack_dn(fixed, photograph.name))
-            frames.append(pixels - dark_plane(pixels, camera, circle_px, float(black_dn)))
+    fixed, frames = given, []
+    for number, source in enumerate(sources):
+        with working(f"{source.name}: reading"):
+            own, photograph = source.read(given)
+            # The view of the first photograph is that of all.
+            fixed = own if number == 0 else fixed
+            pixels, sensor = photograph.pixels, fixed.spec.sensor
+            fixed.check_size(source.path.name, pixels.shape)
+            factor = stack_dn(fixed, photograph.name) if photograph.mean_of_video else 1.0
+            black_dn = float(sensor.black_level_dn * factor)
+            frames.append(pixels - dark_plane(pixels, fixed.camera, fixed.spec.camera.image_circle_px, black_dn))
     with working("comparing"):
+        camera = fixed.camera
         view = view_of(camera, fixed.spec.R_cam)
         mask = ground_mask(frames, view)
         picture = landscape_picture(mask, ground_reflectance(frames, view, mask), camera, fixed.spec.R_cam)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
 from benchmark.place import Place
+from benchmark.twin.alignment import Alignment
 from benchmark.twin.stacked_video import StackedVideo, read_stack, start_of
 from celnav.detecting.fits_file import read_fits, unpacked_bytes
 from celnav.errors import ImageError
@@ -54,6 +56,12 @@ class Photograph:
         WGS84, longitude east positive.
     stack : StackedVideo or None
         For a meteor camera, the stack of which the pixels are the mean.
+    mean_of_video : bool
+        Whether the pixels are the mean of a video's frames, with or without its stack.
+    alignment : Alignment or None
+        Attitude that is known already; None where the twin's is to be found from the stars.
+    told : dict or None
+        What solvers receive for the photograph (``told`` of a frame record); None for the truth.
     """
 
     name: str
@@ -64,6 +72,9 @@ class Photograph:
     longitude_deg: float
     height_m: float
     stack: StackedVideo | None = None
+    mean_of_video: bool = False
+    alignment: Alignment | None = None
+    told: dict[str, Any] | None = None
 
 
 def read_photograph(path: Path, place: Place | None = None) -> Photograph:
@@ -89,7 +100,7 @@ def _stack(path: Path, place: Place | None) -> Photograph:
         raise PhotographError(f"{path}: a stack of video says no place; give that of its camera")
     stack = read_stack(unpacked_bytes(path), str(path))
     where = place.latitude_deg, place.longitude_deg, place.height_m
-    return Photograph(name_of(path), stack.mean, start, stack.exposure_s, *where, stack)
+    return Photograph(name_of(path), stack.mean, start, stack.exposure_s, *where, stack, mean_of_video=True)
 
 
 def _image(path: Path) -> Photograph:
@@ -124,23 +135,6 @@ def _start(told: ExposureInHeader, path: Path) -> tuple[str, float]:
 def name_of(path: Path) -> str:
     """Name of a photograph: that of its file without the endings, in small letters, digits, dashes and underscores."""
     return _NAME.sub("-", _ENDINGS.sub("", path.name, count=1).lower()).strip("-") or "photograph"
-
-
-def check_names(paths: Sequence[Path]) -> None:
-    """Refuse photographs of one name, whose twins would replace each other.
-
-    Raises
-    ------
-    PhotographError
-        The message names both files.
-    """
-    by_name: dict[str, Path] = {}
-    for path in paths:
-        if (other := by_name.setdefault(name_of(path), path)) is not path:
-            raise PhotographError(
-                f"{path}: its twin would be named twin-{name_of(path)}, as that of {other} is; give each its own --out, or "
-                "rename one"
-            )
 
 
 def _stated(header: Mapping[str, object], words: tuple[str, ...], lowest: float, highest: float, path: Path) -> float:

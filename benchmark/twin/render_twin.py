@@ -100,7 +100,7 @@ def make_twin(
     sky = _sky(view, ground, camera.cx_px, camera.cy_px, circle_px)
     bright = (rows["v_mag"] < FIT_MAG) & (rows["altitude_deg"] > LOWEST_DEG)
     enu = directions(rows["azimuth_deg"][bright], rows["altitude_deg"][bright])
-    alignment = align(photograph.pixels, sky, camera, nominal, enu)
+    alignment = photograph.alignment or align(photograph.pixels, sky, camera, nominal, enu)
     view = view_of(camera, alignment.R_cam)
 
     say("fitting the weather")
@@ -206,7 +206,7 @@ def make_twin(
         path=path,
         alignment=alignment,
         weather=weather,
-        pixels=frame.dn,
+        frame=frame,
         sky=compared,
         real=measured[0],
         made=measured[1],

@@ -128,6 +128,19 @@ def read_passing(path: Path) -> dict[str, list[dict[str, Any]]]:
         ) from None
 
 
+def changed_scene(scene: Scene, own: dict[str, Any]) -> Scene:
+    """The scene with other sections of its scenario.
+
+    Raises
+    ------
+    GeneratorError
+        They do not make a scenario.
+    """
+    tree = scene.tree | own
+    scenario = parse_scenario(_text(tree), str(scene.path))
+    return Scene(scene.path, scenario, tree, scenario.frame(0))
+
+
 def with_passing(tree: dict[str, Any], trails: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Add what flew through a photograph to its twin's scenario."""
     return tree | {"foreground": tree["foreground"] | {"trails": list(trails)}} if trails else tree

@@ -13,6 +13,7 @@ from benchmark.twin.alignment import Alignment
 from benchmark.twin.comparison import Measured
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.weather import Weather
+from generator.frame.render import RenderedFrame
 
 Floats = NDArray[np.float64]
 
@@ -74,8 +75,8 @@ class Twin:
         Path of the twin's scenario.
     alignment : Alignment
     weather : Weather or VideoWeather
-    pixels : (height, width) uint16 array
-        The twin, DN.
+    frame : RenderedFrame
+        The twin with its truth.
     sky : (height, width) bool array
         Pixels that are compared.
     real, made : Measured
@@ -88,10 +89,15 @@ class Twin:
     path: Path
     alignment: Alignment
     weather: Weather | VideoWeather
-    pixels: NDArray[np.uint16]
+    frame: RenderedFrame
     sky: NDArray[np.bool_]
     real: Measured
     made: Measured
     moon_altitude_deg: float
     sun_altitude_deg: float
     ranges: tuple[StackRange, StackRange] | None = None
+
+    @property
+    def pixels(self) -> NDArray[np.uint16]:
+        """The twin, (height, width) DN."""
+        return self.frame.dn

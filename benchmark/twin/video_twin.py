@@ -59,7 +59,7 @@ def make_video_twin(
     video, sensor, camera = scene.spec.sensor.video, scene.spec.sensor, scene.camera
     to_8_bit = stack_dn(scene, photograph.name)
     assert video is not None
-    if photograph.stack is None:
+    if not photograph.mean_of_video:
         raise PhotographError(f"{photograph.name}: is no stack of video, and the scene's sensor makes such")
     frames = video.count(scene.spec.time.exposure_s)
     if video.gamma != 1:
@@ -83,7 +83,7 @@ def make_video_twin(
     _, rows, ground = expected_dn(scene.spec.R_cam)
     sky = ~ground if not_sky is None else ~(ground | not_sky)
     bright = rows["v_mag"] < FIT_MAG
-    alignment = align(
+    alignment = photograph.alignment or align(
         photograph.pixels, sky, camera, scene.spec.R_cam,
         directions(rows["azimuth_deg"][bright], rows["altitude_deg"][bright]),
     )  # fmt: skip
@@ -120,7 +120,7 @@ def make_video_twin(
     tree = with_passing(twin_tree(scene, photograph, alignment.R_cam, weather), passing)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
-    made_stack = read_stack(frame.attached[STACK_SUFFIX], path.name)
+    stack, made_stack = photograph.stack, read_stack(frame.attached[STACK_SUFFIX], path.name)
     stars = stars_to_compare(frame.stars)
     black = np.full((height, width), black_dn, dtype=np.float32)
     measured = [
@@ -131,13 +131,13 @@ def make_video_twin(
         path=path,
         alignment=alignment,
         weather=weather,
-        pixels=frame.dn,
+        frame=frame,
         sky=sky,
         real=measured[0],
         made=measured[1],
         moon_altitude_deg=frame.plan.sky.moon_altitude_deg,
         sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
-        ranges=(range_of(photograph.stack, sky), range_of(made_stack, sky)),
+        ranges=None if stack is None else (range_of(stack, sky), range_of(made_stack, sky)),
     )
 
 

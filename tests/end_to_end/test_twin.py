@@ -10,8 +10,10 @@ from astropy.io import fits
 from PIL import Image
 from typer.testing import CliRunner
 
+import celnav
 from benchmark.cli.app import app
 from generator.frame.render import render_frame
+from generator.frame.verify import problems
 from generator.scenario.file import load_scenario, parse_scenario
 
 SCENE = {
@@ -83,6 +85,48 @@ def test_the_twin_has_the_weather_and_the_stars_of_its_photograph(folder: Path) 
         assert picture.width == 1240
     scenario = load_scenario(folder / "out/twin-night.yaml")
     assert scenario.frame(0).time.utc_start == "2020-01-25T21:10:00Z"
+    assert problems(folder / "out/frames") == []
+
+
+@pytest.mark.journey
+def test_the_twin_of_an_imported_photograph_is_a_frame_with_truth(folder: Path, tmp_path: Path) -> None:
+    """The scene has another lens, place and attitude, which the records replace."""
+    camera = celnav.Camera("equidistant", 480, 400, f_px=120.0)
+    R_cam = parse_scenario(yaml.safe_dump(SCENE | OTHER_NIGHT), "night.yaml").frame(0).R_cam
+    attitude = {"R_cam": R_cam.tolist(), "tilt_sigma_deg": 0.05, "heading_sigma_deg": 0.05}
+    calibrated = {"camera": camera.to_dict(), "attitude": attitude}
+    (tmp_path / "camera.json").write_text(json.dumps(calibrated), encoding="utf-8")
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos/night.fits").write_bytes((folder / "night.fits").read_bytes())
+    other = SCENE | {
+        "site": {"latitude_deg": -20.0, "longitude_deg": 99.0, "height_m": 0.0},
+        "camera": SCENE["camera"] | {"width": 400, "f_px": 110.0, "image_circle_px": 185.0 * 110.0 / 120.0},
+        "attitude": {"azimuth_deg": 10.0, "altitude_deg": 70.0},
+    }
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(other), encoding="utf-8")
+    chain = (
+        f"import photos {tmp_path}/photos --site 30 10 500 --camera {tmp_path}/camera.json --out {tmp_path}/set",
+        f"twin {tmp_path}/set --scene {tmp_path}/other.yaml --out {tmp_path}/out --json",
+        f"verify {tmp_path}/out/frames",
+        f"show {tmp_path}/out/frames",
+        f"bench run {tmp_path}/out/frames --solver skybench --out {tmp_path}/results --json",
+    )
+    outputs = []
+    for command in chain:
+        run = CliRunner().invoke(app, command.split())
+        assert run.exit_code == 0, (command, run.output)
+        outputs.append(run.stdout)
+    (twin,) = json.loads(outputs[1])["twins"]
+    assert twin["weather"]["airglow_factor"] == pytest.approx(1.6, rel=0.06)
+    assert twin["sky_ratio"] == pytest.approx(np.ones(6), abs=0.04)
+    assert twin["flux_ratio"] == pytest.approx(1, abs=0.04)
+    record = json.loads((tmp_path / "out/frames/frame-00000.json").read_text(encoding="utf-8"))
+    assert record["camera"]["f_px"] == 120.0
+    assert record["site"]["latitude_deg"] == 30.0
+    assert np.array(record["attitude"]["R_cam"]) == pytest.approx(R_cam, abs=5e-4)
+    assert record["stars"]["n_in_field"] > 100
+    summary = json.loads(outputs[4])["runs"][0]["summary"]
+    assert (summary["n_frames"], summary["n_fixes"]) == (1, 1)
 
 
 def test_the_ground_of_photographs_becomes_a_picture(folder: Path) -> None:
