@@ -173,7 +173,9 @@ def test_rows_timed_on_several_processors_are_named(boards):
     faster = dataclasses.replace(first, stored=dataclasses.replace(first.stored, provenance=run))
     mixed = dataclasses.replace(boards[0], entries=(faster, *others))
     rest = ", ".join(sorted(entry.label for entry in others))
-    expected = f"Times of different processors are not comparable: {first.label} on a faster one; {rest} on a processor."
+    expected = (
+        f"Times of different processors are not comparable: {first.label} on a faster one; {rest} on a processor."
+    )
     assert processor_words([mixed]) == expected
 
 
