@@ -75,7 +75,7 @@ def twin(
     from benchmark.twin.render_twin import make_twin
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
     from benchmark.twin.scene import read_passing, read_scene
-    from benchmark.twin.sources import sources_of
+    from benchmark.twin.sources import check_names, sources_of
     from benchmark.twin.truth import FRAMES, TruthFolder
     from benchmark.twin.video_twin import make_video_twin
     from benchmark.twin.view import not_sky_of
@@ -90,6 +90,7 @@ def twin(
             _write_ground(sources, given, ground)
             typer.echo(str(ground))
             return
+        check_names(sources)
         _check_writable(out)
         frames = TruthFolder(out / FRAMES)
         rows = []

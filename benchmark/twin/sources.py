@@ -52,8 +52,7 @@ def sources_of(paths: Sequence[Path]) -> list[Source]:
     Raises
     ------
     PhotographError
-        A folder holds no dataset of photographs, or two photographs have one name, so that their twins would replace each
-        other; the message names both files.
+        A folder holds no dataset of photographs.
     """
     sources: list[Source] = []
     for path in paths:
@@ -61,6 +60,17 @@ def sources_of(paths: Sequence[Path]) -> list[Source]:
             sources += [Source(frame.name, frame.path, frame) for frame in imported_frames(path)]
         else:
             sources.append(Source(name_of(path), path))
+    return sources
+
+
+def check_names(sources: Sequence[Source]) -> None:
+    """Refuse photographs of one name, whose twins would replace each other.
+
+    Raises
+    ------
+    PhotographError
+        The message names both files.
+    """
     by_name: dict[str, Source] = {}
     for source in sources:
         if (other := by_name.setdefault(source.name, source)) is not source:
@@ -68,4 +78,3 @@ def sources_of(paths: Sequence[Path]) -> list[Source]:
                 f"{source.path}: its twin would be named twin-{source.name}, as that of {other.path} is; give each its own "
                 "--out, or rename one"
             )
-    return sources

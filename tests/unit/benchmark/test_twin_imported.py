@@ -21,7 +21,7 @@ from benchmark.frames.dataset import open_dataset
 from benchmark.importing.told import read_told
 from benchmark.importing.write import Import, import_photographs
 from benchmark.twin.scene import Scene, read_scene
-from benchmark.twin.sources import sources_of
+from benchmark.twin.sources import check_names, sources_of
 from benchmark.twin.truth import TruthFolder
 from benchmark.twin.twin import Twin
 from generator.frame.render import render_dataset, render_frame
@@ -129,7 +129,7 @@ def test_folders_without_photographs_are_refused(imported: Path, scene: Scene, t
     with pytest.raises(PhotographError, match=r"stars\.parquet: missing, .*import the photographs again"):
         sources_of([tmp_path / "copy"])
     with pytest.raises(PhotographError, match="would be named twin-night_7"):
-        sources_of([imported, tmp_path / "Night_7.fits"])
+        check_names(sources_of([imported, tmp_path / "Night_7.fits"]))
 
 
 def twin_of(scene: Scene, imported: Path, **overrides: Any) -> Twin:
