@@ -74,13 +74,15 @@ def detectable_words(board: Board) -> str:
 
 
 def processor_words(boards: Sequence[Board]) -> str:
-    """Which solvers were timed on which processor, where there are several; empty where all times can be compared."""
+    """Say that times are of several processors, and of one board which are of which; empty where all can be compared."""
     timed: defaultdict[str, set[str]] = defaultdict(set)
     for board in boards:
         for entry in board.entries:
             timed[entry.stored.provenance.machine.get("cpu", "unknown")].add(entry.label)
     if len(timed) < 2:
         return ""
+    if len(boards) > 1:
+        return f"Times are of several processors ({', '.join(sorted(timed))}): compare those that a task's page allows."
     listed = "; ".join(f"{', '.join(sorted(labels))} on {processor}" for processor, labels in sorted(timed.items()))
     return f"Times of different processors are not comparable: {listed}."
 

@@ -177,6 +177,8 @@ def test_rows_timed_on_several_processors_are_named(boards):
         f"Times of different processors are not comparable: {first.label} on a faster one; {rest} on a processor."
     )
     assert processor_words([mixed]) == expected
+    several = "Times are of several processors (a faster one, a processor): compare those that a task's page allows."
+    assert processor_words([mixed, *boards]) == several
 
 
 def _ranked(board, lows):
