@@ -72,13 +72,13 @@ def twin(
     In a folder that `skybench import` wrote, the records state place, time, lens and attitude; the scene has the sensor.
     The twins with their truth are a dataset in OUT/frames.
     """
+    from benchmark.photographed.view import not_sky_of
     from benchmark.twin.render_twin import make_twin
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
     from benchmark.twin.scene import read_passing, read_scene
     from benchmark.twin.sources import check_names, sources_of
     from benchmark.twin.truth import FRAMES, TruthFolder
     from benchmark.twin.video_twin import make_video_twin
-    from benchmark.twin.view import not_sky_of
     from generator.scenario.shipped import find_scenario
 
     try:
@@ -133,9 +133,9 @@ def _write_ground(sources: list[Source], given: Scene, target: Path) -> None:
 
     from PIL import Image
 
+    from benchmark.photographed.view import dark_plane, view_of
     from benchmark.twin.ground import ground_mask, ground_reflectance, landscape_picture
     from benchmark.twin.video_twin import stack_dn
-    from benchmark.twin.view import dark_plane, view_of
     from generator.files import write_bytes
 
     fixed, frames = given, []

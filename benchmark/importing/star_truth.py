@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmark.importing.known_sky import KnownSky
 from benchmark.importing.photometry import any_near, measure_light
 from benchmark.importing.told import ToldCamera
-from benchmark.twin.alignment import align
+from benchmark.photographed.alignment import align
 from celnav.camera import Camera
 from generator.frame.record import STAR_SCHEMA
 from generator.places.ephemeris import PLANET_ID_BASE

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, uniform_filter
 from scipy.spatial import cKDTree
 
-from benchmark.twin.star_light import isolated, star_light
-from benchmark.twin.view import View, on_mask
+from benchmark.photographed.star_light import isolated, star_light
+from benchmark.photographed.view import View, on_mask
 from celnav.detection import detect
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.twin.star_light import star_light
+from benchmark.photographed.star_light import star_light
 from generator.scenario.camera_spec import CameraSpec
 
 Floats = NDArray[np.float64]

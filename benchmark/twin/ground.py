@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, gaussian_filter, label, median, minimum
 
-from benchmark.twin.view import View
+from benchmark.photographed.view import View
 from celnav.camera import Camera
 
 Mask = NDArray[np.bool_]

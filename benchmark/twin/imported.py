@@ -13,7 +13,7 @@ import numpy as np
 from benchmark.errors import DatasetError, PhotographError
 from benchmark.frames.dataset import Frame, load_image, open_dataset, true_observation
 from benchmark.frames.record_values import RENDER_AGAIN, integer, number, optional_number, read_record, text, value
-from benchmark.twin.alignment import Alignment
+from benchmark.photographed.alignment import Alignment
 from benchmark.twin.photograph import LONGEST_S, Photograph, name_of
 from benchmark.twin.scene import Scene, changed_scene
 from benchmark.twin.stacked_video import start_of

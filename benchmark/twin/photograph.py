@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
+from benchmark.photographed.alignment import Alignment
 from benchmark.place import Place
-from benchmark.twin.alignment import Alignment
 from benchmark.twin.stacked_video import StackedVideo, read_stack, start_of
 from celnav.detecting.fits_file import read_fits, unpacked_bytes
 from celnav.errors import ImageError

@@ -13,16 +13,16 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
-from benchmark.twin.alignment import align, directions
+from benchmark.photographed.alignment import align, directions
+from benchmark.photographed.star_light import isolated, star_light
+from benchmark.photographed.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.cloud_draw import SNR_IN_ORDER, choose_draw, cloud_of
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import fit_focus, focused_psf
 from benchmark.twin.ground import widened
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
-from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.twin import Twin
-from benchmark.twin.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.weather import (
     CLOUDED,
     CLOUDLESS,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.twin.alignment import Alignment
+from benchmark.photographed.alignment import Alignment
 from benchmark.twin.comparison import Measured
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.weather import Weather

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
-from benchmark.twin.alignment import align, directions
+from benchmark.photographed.alignment import align, directions
+from benchmark.photographed.star_light import isolated, star_light
+from benchmark.photographed.view import on_mask, view_of
 from benchmark.twin.comparison import measure
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.render_twin import FIT_MAG, ground_of, stars_of, stars_to_compare
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
 from benchmark.twin.stacked_video import StackedVideo, read_stack
-from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.twin import StackRange, Twin, VideoWeather
-from benchmark.twin.view import on_mask, view_of
 from generator.frame.plan import plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import expit
 
-from benchmark.twin.view import View
+from benchmark.photographed.view import View
 
 Floats = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from benchmark.cli.app import app
 from benchmark.errors import PhotographError
+from benchmark.photographed.view import not_sky_of
 from benchmark.place import Place
 from benchmark.twin.photograph import read_photograph
 from benchmark.twin.stacked_video import read_stack, start_of
 from benchmark.twin.video_twin import black_level
-from benchmark.twin.view import not_sky_of
 from celnav.camera import Camera
 from generator.frame.render import render_frame
 from generator.scenario.file import load_scenario, parse_scenario

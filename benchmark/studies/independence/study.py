@@ -207,9 +207,9 @@ def overview(study: Study) -> Table:
     solvers = list(dict.fromkeys(effect.solver for effect in study.effects))
     by_key = {(effect.perturbation, effect.solver): effect for effect in study.effects}
     rows = []
-    for one in study.perturbations:
-        cells: list[Cell] = [one.title]
-        for solver in solvers:
+    for solver in solvers:
+        cells: list[Cell] = [solver]
+        for one in study.perturbations:
             effect = by_key[(one.key, solver)]
             after, ratio = effect.success.after, effect.bound_ratio.change
             lines = (
@@ -220,4 +220,4 @@ def overview(study: Study) -> Table:
             cells.append(lines)
         rows.append(tuple(cells))
     return Table("Success after, and ratio of errors", "Geometric mean over the frames with a fix before and after.",
-                 ("perturbation", *solvers), tuple(rows))  # fmt: skip
+                 ("solver", *(one.title for one in study.perturbations)), tuple(rows))  # fmt: skip

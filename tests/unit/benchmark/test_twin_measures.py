@@ -10,14 +10,14 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from benchmark.errors import PhotographError
-from benchmark.twin.alignment import align, directions
+from benchmark.photographed.alignment import align, directions
+from benchmark.photographed.star_light import isolated, star_light
+from benchmark.photographed.view import dark_plane, view_of
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import FACTORS, fit_focus, focused_psf
 from benchmark.twin.ground import PICTURE_PX, UNSEEN, ground_mask, ground_reflectance, landscape_picture
 from benchmark.twin.render_twin import LEAST_LIGHT_DN, check_light, stars_are_seen
 from benchmark.twin.scene import read_passing, with_passing
-from benchmark.twin.star_light import isolated, star_light
-from benchmark.twin.view import dark_plane, view_of
 from benchmark.twin.weather import DECK, DRAWS, VEIL, Fit, Seen, Weather, fit_weather, sky_cells
 from celnav.camera import Camera
 from generator.scenario.camera_spec import CameraSpec

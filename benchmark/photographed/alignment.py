@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from benchmark.twin.star_light import star_light
-from benchmark.twin.view import on_mask
+from benchmark.photographed.star_light import star_light
+from benchmark.photographed.view import on_mask
 from celnav.camera import Camera
 
 Floats = NDArray[np.float64]
