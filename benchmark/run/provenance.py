@@ -19,6 +19,8 @@ from benchmark.wrong_key import wrong_key
 DetectionsMode = Literal["own", "shared"]
 KEY_DIGITS = 12
 UNKNOWN = "not stated"
+SEVERAL = "; "
+"""Between the machines of a result that was made on several."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ def circumstances(source: RunProvenance) -> tuple[object, ...]:
 
 def machines_together(machines: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Combine the descriptions of several machines into one."""
-    return {key: "; ".join(dict.fromkeys(one[key] for one in machines)) for key in machines[0]}
+    return {key: SEVERAL.join(dict.fromkeys(one[key] for one in machines)) for key in machines[0]}
 
 
 def blanks(found: RunProvenance) -> list[str]:

@@ -11,7 +11,7 @@ from benchmark.report.formatting import percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.revisions import revision_words
 from benchmark.run.identities import identities_in
-from benchmark.run.provenance import Renewal
+from benchmark.run.provenance import SEVERAL, Renewal
 from benchmark.solvers.isolation import NOT_ISOLATED
 from generator.identity.revision import GENERATOR_REVISION
 
@@ -82,7 +82,8 @@ def processor_words(boards: Sequence[Board]) -> str:
     if len(timed) < 2:
         return ""
     if len(boards) > 1:
-        return f"Times are of several processors ({', '.join(sorted(timed))}): compare those that a task's page allows."
+        names = joined(name for processors in timed for name in processors.split(SEVERAL))
+        return f"Times are of several processors ({names}): compare those that a task's page allows."
     listed = "; ".join(f"{', '.join(sorted(labels))} on {processor}" for processor, labels in sorted(timed.items()))
     return f"Times of different processors are not comparable: {listed}."
 
@@ -167,7 +168,7 @@ def site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:
     return (
         ("runs", f"{len(runs)}, from {dates[0]} to {dates[-1]}"),
         ("skybench", joined(run.versions.get("skybench", "unknown") for run in runs)),
-        ("machines", joined(run.machine.get("cpu", "unknown") for run in runs)),
+        ("machines", joined(name for run in runs for name in run.machine.get("cpu", "unknown").split(SEVERAL))),
         ("in detail", "at the foot of each task's and each solver's page"),
     )
 
