@@ -11,7 +11,7 @@ from benchmark.protocol import SolverUnderTest
 from benchmark.run.fused_session import FusedSession
 from benchmark.run.provenance import DetectionsMode, SolverFacts
 from benchmark.run.results import check_solver_name
-from benchmark.run.sessions import InProcessSession, OtherProcessSession, PipeSession, Session, isolation_of
+from benchmark.run.sessions import InProcessSession, OtherProcessSession, PipeSession, Session, isolation_of_programs
 from benchmark.run.shared_detections import shared_detector
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.registry import known_solvers, missing_message, missing_packages, solver_folder
@@ -80,7 +80,7 @@ class Contestant:
                 revision=self.definition.revision,
                 time_limit_s=asked.limits.time_s,
                 memory_limit_mib=asked.limits.memory_mib,
-                isolation=isolation_of(asked),
+                isolation=isolation_of_programs(),
             )
         assert self.instance is not None
         return SolverFacts(

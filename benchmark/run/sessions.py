@@ -36,6 +36,7 @@ from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import ProgramFailedError, ProgramSession
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
+from celnav.identification.sky_index import load_deep_sky_index, load_sky_index
 from generator.processes import follow_parent
 
 
@@ -65,9 +66,9 @@ def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
     return [list(group) for _, group in groupby(frames, key)]
 
 
-def isolation_of(solver: SolverFolder) -> str:
-    """How a solver's program is kept from files and network; adapters, which come with skybench, are not isolated."""
-    return ISOLATED if solver.spec.command and not isolation_obstacle() else NOT_ISOLATED
+def isolation_of_programs() -> str:
+    """How a solver's process is kept from files and network: in the same way for all that the system allows it for."""
+    return NOT_ISOLATED if isolation_obstacle() else ISOLATED
 
 
 @dataclass(frozen=True)
@@ -89,17 +90,21 @@ class _Time:
 class PipeSession:
     """A solver's program, which is restarted after every frame that it did not survive.
 
-    It reads each image in a folder that holds nothing else, because the truth is stored next to the original. A user's
-    program is isolated where the system allows it.
+    It reads each image in a folder that holds nothing else, because the truth is stored next to the original. It is isolated
+    where the system allows it. An adapter is started in the image's folder, a command in its own.
     """
 
     def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
         self._solver = solver
-        place = solver.folder if solver.spec.command else Path.cwd()
         self._folder: tempfile.TemporaryDirectory[str] | None = tempfile.TemporaryDirectory(prefix="skybench-frame-")
+        place = solver.folder if solver.spec.command else Path(self._folder.name)
         command = solver.command_line()
-        isolated = isolation_of(solver) == ISOLATED
-        places = visible_places(command, place, [Path(self._folder.name), *solver.reads]) if isolated else None
+        places = None
+        if isolation_of_programs() == ISOLATED:
+            # Isolated processes see celnav's cache but cannot write to it, so its large tables are made outside.
+            load_sky_index()
+            load_deep_sky_index()
+            places = visible_places(command, place, [Path(self._folder.name), *solver.reads])
         self._program = ProgramSession(command, place, solver.limits, on_stderr, places)
         self._warm = False
         self._asked = 0

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from platformdirs import user_cache_path
+from celnav.cache import cache_dir
 
 ISOLATED = "namespaces of its own: no network, no files but its own, its interpreter's and the image"
 NOT_ISOLATED = "none"
@@ -61,12 +61,12 @@ def visible_places(command: list[str], folder: Path, more: Iterable[Path] = ()) 
     if program.is_absolute():
         places += _installation(program)
     if program == Path(sys.executable):
-        # A user's adapters import skybench, and celnav keeps tables in its cache.
+        # Adapters import skybench, and celnav keeps tables in its cache.
         root = Path(__file__).parents[2]
         places += [
             Path(sys.prefix),
             Path(sys.base_prefix),
-            user_cache_path("celnav"),
+            cache_dir(),
             *(root / name for name in _PACKAGES),
         ]
     return {str(place): os.path.realpath(place) for place in _outermost(places) if place.exists()}

@@ -15,15 +15,17 @@ from unit.benchmark.fake_night import write_dataset
 
 from benchmark.errors import SolverError
 from benchmark.frames.dataset import open_dataset
+from benchmark.run import sessions
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import outcomes
-from benchmark.run.sessions import SessionPool, isolation_of
+from benchmark.run.sessions import SessionPool, isolation_of_programs
 from benchmark.solvers.definition import SolverFolder, SolverSpec
-from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
+from benchmark.solvers.isolation import ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.messages import request_of
 from benchmark.solvers.namespaces import MOST_FILES, MOST_WRITTEN_BYTES
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
-from benchmark.solvers.registry import solver_folder
+from benchmark.solvers.registry import missing_message, missing_packages, solver_folder
+from celnav.cache import cache_dir
 
 ROOT = Path(__file__).parents[3]
 PROGRAMS = Path(__file__).parent / "programs"
@@ -132,8 +134,34 @@ def test_a_solver_of_the_user_is_isolated_and_judged(frames, place) -> None:
     finally:
         pool.close()
     assert [score.status for score in scores] == ["fix"] * 3
-    assert contestant.facts("1", "own").isolation == isolation_of(solver) == ISOLATED
-    assert isolation_of(solver_folder("skybench")) == NOT_ISOLATED
+    assert contestant.facts("1", "own").isolation == isolation_of_programs() == ISOLATED
+
+
+@pytest.mark.parametrize(
+    "name", ["skybench", "tetra3rs", "learned", "zenith-fixer", "ruststartracker", "thesis-adaptive"]
+)
+def test_adapters_are_isolated_too(frames, name, tmp_path, monkeypatch) -> None:
+    """They see celnav's tables in its cache, and neither the frames' truth nor the folder that skybench was started in."""
+    if missing_packages(solver_folder(name)):
+        pytest.skip(missing_message(solver_folder(name), missing_packages(solver_folder(name))))
+    monkeypatch.chdir(tmp_path)
+    started: list[ProgramSession] = []
+    monkeypatch.setattr(
+        sessions, "ProgramSession", lambda *given: started.append(ProgramSession(*given)) or started[-1]
+    )
+    contestant = contestant_of(name)
+    pool = SessionPool(lambda: contestant.make_session(1), 1)
+    try:
+        scores = [outcome.score for outcome in outcomes(frames, pool, "own", {})]
+        root = Path("/proc", str(started[0]._pid), "root")
+        seen = {
+            str(place) for place in (tmp_path, frames[0].image_path, cache_dir()) if (root / str(place)[1:]).exists()
+        }
+    finally:
+        pool.close()
+    assert not [score.reason for score in scores if score.status == "error"]
+    assert seen == {str(cache_dir())}
+    assert contestant.facts("1", "own").isolation == ISOLATED
 
 
 def test_a_program_reads_what_its_definition_declares(place) -> None:
