@@ -25,7 +25,7 @@ SPEC_NAME = "solver.yaml"
 ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
 LARGEST_SPEC_BYTES = 100_000
 LARGEST_FOLDER_BYTES = 50_000_000
-AdapterName = Literal["celnav", "learned", "tetra3rs", "ruststartracker", "zenith-fixer"]
+AdapterName = Literal["celnav", "learned", "tetra3rs", "tetra3rs-calibrated", "ruststartracker", "zenith-fixer"]
 
 
 class SolverSpec(Strict):

@@ -12,6 +12,7 @@ from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_s
 from benchmark.solvers.learned.adapter import Learned
 from benchmark.solvers.ruststartracker.adapter import RustStarTracker
 from benchmark.solvers.tetra3rs.adapter import Tetra3rs
+from benchmark.solvers.tetra3rs_calibrated.adapter import Tetra3rsCalibrated
 from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
 
 
@@ -68,6 +69,8 @@ def make_solver(name: str) -> SolverUnderTest:
         return Learned()
     if adapter == "tetra3rs":
         return Tetra3rs()
+    if adapter == "tetra3rs-calibrated":
+        return Tetra3rsCalibrated()
     if adapter == "ruststartracker":
         return RustStarTracker()
     if adapter == "zenith-fixer":

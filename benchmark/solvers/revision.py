@@ -27,6 +27,7 @@ ADAPTER_MODULES = {
     "celnav": "benchmark.solvers.celnav_solver",
     "learned": "benchmark.solvers.learned.adapter",
     "tetra3rs": "benchmark.solvers.tetra3rs.adapter",
+    "tetra3rs-calibrated": "benchmark.solvers.tetra3rs_calibrated.adapter",
     "ruststartracker": "benchmark.solvers.ruststartracker.adapter",
     "zenith-fixer": "benchmark.solvers.zenith_fixer.adapter",
 }

@@ -112,6 +112,7 @@ def solve(request: dict[str, Any], folder: Path) -> dict[str, Any]:
         wcs = WCS(fits.getheader(folder / "field.wcs"))
     return answer | {
         "status": "attitude",
+        "confidence": probability_of(folder / "field.match"),
         "R_icrs_to_camera": rotation_of(wcs, camera).tolist(),
         "match_directions": read_matches(folder / "field.corr", uv),
     }
@@ -145,6 +146,12 @@ def read_detections(path: Path) -> Any:
         return np.empty((0, 2))
     table = fits.getdata(path, 1)
     return np.column_stack((table["X"], table["Y"])).astype(float)[:MOST_DETECTIONS] - 1.0
+
+
+def probability_of(path: Path) -> float:
+    """Probability of the solution: the program states the logarithm of its odds against a match by chance."""
+    (log_odds,) = fits.getdata(path, 1)["LOGODDS"][:1]
+    return 1.0 / (1.0 + math.exp(-float(log_odds)))
 
 
 def read_matches(path: Path, uv: Any) -> list[list[float]]:

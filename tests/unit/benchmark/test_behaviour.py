@@ -33,7 +33,8 @@ THESIS = {
     "thesis-catalogue-only",
 }
 CELNAV = THESIS | {"ddr-dai", "skybench"}
-PEERS = {"tetra3rs", "ruststartracker", "zenith-fixer"}
+TETRA3RS = {"tetra3rs", "tetra3rs-calibrated"}
+PEERS = TETRA3RS | {"ruststartracker", "zenith-fixer"}
 LEARNED = {"learned"}
 DETECTOR = "the shared detector"
 
@@ -97,7 +98,7 @@ def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> No
         ("celnav.sequences.track", CELNAV),
         ("celnav.sequences.night", set()),
         ("celnav.cli", set()),
-        ("benchmark.solvers.tetra3rs.adapter", {"tetra3rs"}),
+        ("benchmark.solvers.tetra3rs.adapter", TETRA3RS),
         ("benchmark.solvers.pinhole", PEERS | LEARNED),
         ("benchmark.solvers.learned.patterns", LEARNED),
         ("benchmark.solvers.celnav_solver", CELNAV),

@@ -84,6 +84,25 @@ def test_tetra3rs_as_its_guide_solves_an_image():
     assert solver.solve(solver.detect(image), observation).ok
 
 
+def test_tetra3rs_with_calibration_finds_the_focal_length_of_a_frame():
+    """The lens fitted to a frame whose supplied focal length is 2 % off has the right one, and solves the frame again."""
+    peer("tetra3rs")
+    from benchmark.solvers.tetra3rs.adapter import Tetra3rs, solve_frame
+    from benchmark.solvers.tetra3rs_calibrated.adapter import Tetra3rsCalibrated, solved_again
+
+    exact = told(PINHOLE)
+    wrong = dataclasses.replace(PINHOLE, f_px=1.02 * PINHOLE.f_px, fy_px=1.02 * PINHOLE.fy_px)
+    observation = dataclasses.replace(exact, camera=wrong)
+    found = Tetra3rs().detect(image_of(exact))
+    first, _, stars = solve_frame(found, observation)
+    again = solved_again(first, stars, found, observation)
+    assert again
+    assert again.camera_model.focal_length_px == pytest.approx(PINHOLE.f_px, rel=1e-3)
+    assert again.rmse_arcsec < 0.5 * first.rmse_arcsec
+    answer = Tetra3rsCalibrated().solve(found, observation)
+    assert geodesic_km(answer.lat_deg, answer.lon_deg, *PLACE) < 5.0
+
+
 def test_ruststartracker_as_its_readme_processes_an_image():
     """`process_image` of an 8-bit image: the quaternion of the adapter's detections and rays is the same."""
     solver, observation = peer("ruststartracker"), told(PINHOLE)
@@ -200,6 +219,8 @@ def test_astrometry_net_as_its_manual_solves_a_list_of_positions(tmp_path):
     (tmp_path / "ours").mkdir()
     answer = program.solve(request, tmp_path / "ours")
     assert answer["status"] == "attitude", answer
+    # It accepts odds of a thousand million to one by default (--odds-to-solve).
+    assert 1.0 - 1e-9 < answer["confidence"] <= 1.0
     program.write_detections(uv, tmp_path / "stars.xyls")
     manual = [
         "solve-field", "stars.xyls", "--width", "640", "--height", "480", "--no-plots", "--no-tweak", "--crpix-center",

@@ -1,0 +1,1 @@
+"""tetra3rs with calibration."""
