@@ -48,7 +48,7 @@ class FrameFacts:
     target : str
         Argument of `skybench bench run` that gets them: a task, a folder, a URL, a task's file.
     label : str
-        Name and revision of a task, ``bortle@1``; for a folder or a dataset, its scenario's name and the start of a hash of
+        Name and revision of a task, ``bortle@2``; for a folder or a dataset, its scenario's name and the start of a hash of
         scenario and truth.
     title : str
     split : str

@@ -41,7 +41,7 @@ def open_frames(
     Parameters
     ----------
     target : str
-        Task (``bortle``, ``bortle@1``, ``allsky-real``), file of a task (``NAME.task.yaml``), folder written by
+        Task (``bortle``, ``bortle@2``, ``allsky-real``), file of a task (``NAME.task.yaml``), folder written by
         `skybench render` or `skybench import`, folder or URL written by `skybench generate`.
     choice : FrameChoice
         Split, number and condition, which apply only to the frames of a task.

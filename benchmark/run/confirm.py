@@ -50,7 +50,7 @@ class Confirmed:
 
 
 def packed_listing(root: Path, place: Path) -> Path:
-    """Path of the listing of packed results, for frames named like ``bortle@1/dev``.
+    """Path of the listing of packed results, for frames named like ``bortle@2/dev``.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class Origin:
     detector : str or None
         Name of the shared detector; None where the solver detected by itself.
     task, split : str
-        Argument of `skybench bench run` that gets the frames, ``bortle@1`` or the path of a task's file; and the split.
+        Argument of `skybench bench run` that gets the frames, ``bortle@2`` or the path of a task's file; and the split.
     task_sha256, scenario_sha256 : str
     """
 

@@ -179,7 +179,7 @@ class Task:
 
     @property
     def label(self) -> str:
-        """Name and revision, as in ``bortle@1``."""
+        """Name and revision, as in ``bortle@2``."""
         return f"{self.definition.name}@{self.definition.revision}"
 
     @property

@@ -84,10 +84,10 @@ def test_tasks_of_a_repository(tmp_path) -> None:
     content = yaml.safe_load((tmp_path / "eval.yaml").read_text())
     assert set(content) == {"name", "description", "evaluation_framework", "tasks"}
     assert content["tasks"] == [
-        {"id": "bortle-1-dev", "config": "frames", "split": "dev"},
-        {"id": "bortle-1-test", "config": "frames", "split": "test"},
+        {"id": "bortle-2-dev", "config": "frames", "split": "dev"},
+        {"id": "bortle-2-test", "config": "frames", "split": "test"},
     ]
-    assert (tmp_path / "task-bortle.md").read_text().startswith("## bortle@1")
+    assert (tmp_path / "task-bortle.md").read_text().startswith("## bortle@2")
 
 
 def test_the_command_adds_the_task_of_a_dataset(small_set, tmp_path, monkeypatch) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 _GROUPS = (
     ("sky and camera", ("bortle", "weather", "optics", "motion", "clutter", "glints", "thesis-mag")),
     ("stations: whole sky, meteors", ("allsky", "meteor")),
-    ("star trackers", ("startracker", "startracker-false")),
+    ("star trackers", ("startracker", "startracker-false", "startracker-field")),
     ("hand, vehicle, street", ("phone", "uav", "city")),
     ("calibration and told values", ("attitude", "drift", "unknown-camera")),
 )

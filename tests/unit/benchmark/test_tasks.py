@@ -35,7 +35,7 @@ from generator.seeds import random_stream
 FROZEN = {
     "allsky@1": "39b1ced7b55f49b8d390489ab3cd97ec673d74c5e0c26b705e969d89dbb4c14b",
     "attitude@2": "8deb835b9e749e7b5a700fe7effd0cbca8ad7e2bf8eb5e858fa7a03d38b4c486",
-    "bortle@1": "2963caa2b5ceeb3a316ce44b66dc9a4fe8c82a082be0648089da986044ef3a96",
+    "bortle@2": "955fd1e914525aed4a12cdeabf790f6ed347308db531ac8b8b3cdac9735d8876",
     "city@1": "358609eb67b9f3aa50ed71383af57ba40558a477e86f74fdede72b6b1f8549cd",
     "clutter@2": "05d3ebde7a23b3daf1be5aa878763ad87f72119eef221c399be815b21dd3fb6b",
     "drift@1": "c53085280722284aed3ddbe23161491c3c64fbb5f78cd7a73974b10f6b79193c",
@@ -46,7 +46,8 @@ FROZEN = {
     "phone@1": "d567c787914a9bfe5481ed8023a3ea8c2ea52c8077ac92cba9c6daca66d3b7ee",
     "startracker@1": "44ffa6d075b29a0832cceda66c96be85875cc286e8db65d4c88d7d25d76ed346",
     "startracker-false@1": "e1122a8247adb2c1fa71201b0e4f1a2a4d9d73ba784e668509311ba99a3c3022",
-    "thesis-mag@1": "0027035fcc031514a5d6a5798306df5e843a3c35ddfc508d5c2505ad248228a3",
+    "startracker-field@1": "170767c8af0d64dfbe52c1376d840f2f65122156333484ff39a0452f16391450",
+    "thesis-mag@2": "d258bafb83655c112f016120a9f244528c3761ed079298606e5d7ee74bbeee5c",
     "uav@1": "21fb9f84449a37c5766da604586629a52afecc6e65096560dfe5dcb4852274aa",
     "unknown-camera@1": "2186d604988e4bab55afd38ea1f357df9de2e3d709612b225d2b8da6fdc51499",
     "weather@2": "0be5a2be34d64d444dd0a74040df4c75d9bfa3ee2623c9ae5a15209c326c44d9",
@@ -102,12 +103,12 @@ def test_formatting_does_not_count_but_meaning_does(tmp_path):
 @pytest.mark.parametrize(
     ("file", "old", "new", "message"),
     [
-        ("task", "revision: 1", "revision: 0", "revision"),
-        ("task", "revision: 1", "revision: 1\nnote: x", "note"),
+        ("task", "revision: 2", "revision: 0", "revision"),
+        ("task", "revision: 2", "revision: 2\nnote: x", "note"),
         ("task", "half_width_points: 7.9", "half_width_points: 2.0", "150 frames give 7.9"),
         ("task", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "[2, 1, 3, 4, 5, 6, 7, 8, 9]", "from easy to hard"),
         ("task", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "[1, 2, 3]", "needs 3 on one axis"),
-        ("task", "seed: 8601", "seed: 8101", "different seeds"),
+        ("task", "seed: 8626", "seed: 8126", "different seeds"),
         ("task", "name: bortle\n", "name: other\n", "file's name says 'bortle'"),
         ("task", "scenario: bortle.scenario.yaml", "scenario: ../x.scenario.yaml", "scenario"),
         ("scenario", "name: task-bortle", "name: task-bortle\nseed: 3", "comes from the task"),
@@ -132,8 +133,8 @@ def test_formatting_does_not_count_but_meaning_does(tmp_path):
             f"x: {'[' * 2000}",
             r"bortle\.scenario\.yaml: cannot be read \(nested too deep",
         ),
-        ("task", "revision: 1", f"x: {'[' * 2000}", r"bortle\.task\.yaml: cannot be read \(nested too deep"),
-        ("task", "revision: 1", f"revision: {'1' * 5000}", r"bortle\.task\.yaml: cannot be read \(.*digits"),
+        ("task", "revision: 2", f"x: {'[' * 2000}", r"bortle\.task\.yaml: cannot be read \(nested too deep"),
+        ("task", "revision: 2", f"revision: {'1' * 5000}", r"bortle\.task\.yaml: cannot be read \(.*digits"),
         (
             "scenario",
             "name: task-bortle",
@@ -155,9 +156,9 @@ def test_a_wrong_task_is_refused_by_key(tmp_path, file, old, new, message):
 def test_unknown_tasks_and_revisions_are_refused():
     with pytest.raises(TaskError, match="known: allsky, attitude"):
         load_task("bortel")
-    with pytest.raises(TaskError, match="use bortle@1"):
-        load_task("bortle@2")
-    assert load_task("bortle@1").label == "bortle@1"
+    with pytest.raises(TaskError, match="use bortle@2"):
+        load_task("bortle@1")
+    assert load_task("bortle@2").label == "bortle@2"
     with pytest.raises(TaskError, match="unknown task"):
         load_task("../tasks/bortle")
 
@@ -416,7 +417,7 @@ def test_every_task_has_a_group_in_the_report():
 def test_the_list_states_the_limit_of_each_task():
     limits = {task.task: task.limit_km for task in listed_tasks()}
     assert limits == {load_task(name).label: load_task(name).limit_km for name in task_names()}
-    assert (limits["bortle@1"], limits["drift@1"], limits["uav@1"]) == (10.0, 2500.0, 30.0)
+    assert (limits["bortle@2"], limits["drift@1"], limits["uav@1"]) == (10.0, 2500.0, 30.0)
     shown = CliRunner().invoke(app, ["list"], env={"COLUMNS": "200"}).output
     assert "2500 km" in shown
     assert "nearer than 10 km" not in shown
