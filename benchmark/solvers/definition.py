@@ -22,6 +22,8 @@ from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
 SPEC_NAME = "solver.yaml"
+README_NAME = "README.md"
+"""What a folder says to readers; no part of a solver's behaviour."""
 ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
 LARGEST_SPEC_BYTES = 100_000
 LARGEST_FOLDER_BYTES = 50_000_000
@@ -174,7 +176,9 @@ class SolverFolder:
             return revision_of(settings, {}, fusion_behaviour(packages.sources), packages.catalogues)
         adapter = self.spec.adapter
         # An adapter's imports are covered by its modules.
-        left_out = {SPEC_NAME} if adapter is None else {SPEC_NAME, "__init__.py", "adapter.py"}
+        left_out = {SPEC_NAME, README_NAME}
+        if adapter is not None:
+            left_out |= {"__init__.py", "adapter.py"}
         names = {path.relative_to(self.folder).as_posix(): path for path in _files_of(self.folder)}
         files = {name: path.read_bytes() for name, path in names.items() if name not in left_out}
         try:

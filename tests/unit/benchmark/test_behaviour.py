@@ -14,7 +14,7 @@ import pytest
 
 import celnav
 from benchmark.solvers.definition import SolverFolder, read_solver_folder
-from benchmark.solvers.registry import known_solvers, solver_folder
+from benchmark.solvers.registry import known_solvers, solver_folder, solvers_by_themselves
 from benchmark.solvers.revision import (
     PackageTree,
     adapter_behaviour,
@@ -249,8 +249,22 @@ def test_of_a_program_all_files_count_and_of_its_python_the_syntax(tmp_path: Pat
     assert program(tmp_path, "print(2)").revision != before
     assert program(tmp_path, "print(1)", "time_limit_s: 3\n").revision != before
     assert program(tmp_path, "print(1)", "# how long is enough\n").revision == before
+    (tmp_path / "README.md").write_text("# What it is")
+    assert program(tmp_path, "print(1)").revision == before
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "README.md").write_text("# Only that of the folder is for readers")
+    assert program(tmp_path, "print(1)").revision != before
+    shutil.rmtree(tmp_path / "more")
     (tmp_path / "weights.csv").write_text("1")
     assert program(tmp_path, "print(1)").revision != before
+
+
+@pytest.mark.parametrize("name", solvers_by_themselves())
+def test_what_a_contestants_readme_says_changes_nothing(name: str, tmp_path: Path) -> None:
+    solver = solver_folder(name)
+    shutil.copytree(solver.folder, tmp_path / "copy")
+    (tmp_path / "copy" / "README.md").unlink(missing_ok=True)
+    assert read_solver_folder(tmp_path / "copy").revision == solver.revision
 
 
 def test_what_a_solver_yaml_says_for_readers_changes_nothing(tmp_path: Path) -> None:
