@@ -328,6 +328,11 @@ def test_all_of_celnavs_solvers_and_the_peers_are_there():
     assert {"tetra3rs", "ruststartracker", "zenith-fixer", "cedar-solve"} <= set(known_solvers())
 
 
+def test_every_contestants_folder_says_what_it_is():
+    for name in known_solvers():
+        assert (solver_folder(name).folder / "README.md").read_text(encoding="utf-8").startswith(f"# {name}\n"), name
+
+
 def test_a_changed_file_changes_the_revision(tmp_path):
     before = folder_of(tmp_path, "well").revision
     (tmp_path / "__pycache__").mkdir()
