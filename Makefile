@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow fuzz lint format install lock dist sbom clean
+.PHONY: help demo demo-small rivals boards boards-plan check-results docs test test-journeys test-slow fuzz lint format install lock dist sbom clean
 
 help:
 	@echo "make demo        render 27 frames, solve them with four solvers, write results/demo/index.html"
@@ -10,6 +10,7 @@ help:
 	@echo "make test-journeys  run whole programs from end to end (documented commands, killed processes, clusters), make shipped data again"
 	@echo "make test-slow   run the tests that take longer"
 	@echo "make fuzz        put damaged and random inputs to every reader: EXAMPLES=2000 of them to each target"
+	@echo "make rivals      install what the solvers of other authors need and this machine lacks"
 	@echo "make boards        run the rows of the leaderboard that are not of today's code"
 	@echo "make boards-plan   only list them, with an estimate of the time"
 	@echo "make check-results check that measured numbers are of the revision printed beside them"
@@ -44,6 +45,10 @@ EXAMPLES ?= 2000
 
 fuzz: install
 	@SKYBENCH_FUZZ_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest tests/fuzz
+
+# A failure is printed and costs only its solver, whose tests skip.
+rivals: install
+	@$(BIN)/python tools/install_rivals.py
 
 # Frames to solve at the same time.
 JOBS ?= 2
