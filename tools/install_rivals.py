@@ -1,9 +1,9 @@
 """Install what the contestants of other authors need and this machine lacks: .venv/bin/python tools/install_rivals.py.
 
 Packages of adapters go into the Python that runs this, in the versions of each solver.yaml and without what they depend on,
-which the extra `peers` has. Programs with an environment get it ($SKYBENCH_ENVIRONMENTS, or a folder in the user's cache), made
-by the same Python. Programs of the system are installed by apt-get, for root alone. What is there already stays as it is. A
-failure is printed and costs only its solver: `skybench bench list` names what is missing, and tests that need it skip.
+which the extra `peers` has. Programs with an environment get it ($SKYBENCH_ENVIRONMENTS, or a folder in the user's cache),
+made by the same Python. Programs of the system are installed by apt-get, for root alone. What is there already stays as it
+is. A failure is printed and costs only its solver: `skybench bench list` names what is missing, and tests that need it skip.
 """
 
 from __future__ import annotations
