@@ -6,16 +6,21 @@ import dataclasses
 import math
 import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 from benchmark.errors import PhotographError, TaskError
 from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import ALL, SUCCESS_METRIC, FrameFacts, FrameSet, Grading
 from benchmark.frames.task_frames import UNPACKED, FrameChoice, split_folder
+from benchmark.importing.drawn_centroids import draw_centroids
 from benchmark.importing.told import read_told
 from benchmark.importing.write import Import, import_photographs
-from benchmark.real_tasks.definition import RealTask
+from benchmark.real_tasks.definition import RealTask, RealTaskDefinition
 from benchmark.real_tasks.fetch import missing_sources, sources_folder
 from generator.frame.folder import STARS_FILE
+
+DRAWN = "drawn"
+"""Folder of the pictures of centroids, among the sources."""
 
 
 def make_real_frames(
@@ -41,7 +46,7 @@ def make_real_frames(
     definition, graded = task.definition, task.definition.condition
     if choice.per_condition is not None:
         raise TaskError(
-            f"{task.label}: has {len(definition.sources)} photographs, all of which count; leave out --frames"
+            f"{task.label}: has {len(definition.conditions)} photographs, all of which count; leave out --frames"
         )
     if choice.condition is not None and not any(math.isclose(value, choice.condition) for value in graded.values):
         values = ", ".join(f"{value:g}" for value in graded.values)
@@ -53,8 +58,9 @@ def make_real_frames(
             f"{sources_folder(task, choice.data)} ({missing[0].file}, …); run: skybench fetch {name}"
         )
     folder = split_folder(task.label, ALL, task.sha256, choice.data)
-    files = [sources_folder(task, choice.data) / source.file for source in definition.sources]
+    place = sources_folder(task, choice.data)
     try:
+        files = _drawn(definition, place) if definition.drawn else [place / each.file for each in definition.sources]
         told = read_told(task.camera_file)
         if definition.attitude == "night":
             told = told.for_another_night()
@@ -69,9 +75,9 @@ def make_real_frames(
     shutil.copyfile(folder / UNPACKED / STARS_FILE, stars)
     dataset = open_dataset(folder / UNPACKED)
     frames = tuple(
-        dataclasses.replace(frame, condition=source.condition)
-        for frame, source in zip(dataset.frames, definition.sources, strict=True)
-        if choice.condition is None or math.isclose(source.condition, choice.condition)
+        dataclasses.replace(frame, condition=condition)
+        for frame, condition in zip(dataset.frames, definition.conditions, strict=True)
+        if choice.condition is None or math.isclose(condition, choice.condition)
     )
     facts = FrameFacts(
         target=target,
@@ -89,3 +95,12 @@ def make_real_frames(
         rendered_with=dataset.provenance,
     )
     return FrameSet(facts, frames)
+
+
+def _drawn(definition: RealTaskDefinition, place: Path) -> list[Path]:
+    """Draw the centroids of a task's frames, night by night; returns the pictures in the order of the definition."""
+    pictures: dict[str, Path] = {}
+    for source in definition.sources:
+        names = [each.frame for each in definition.drawn if each.night == source.file]
+        pictures |= dict(zip(names, draw_centroids(place / source.file, place / DRAWN, names), strict=True))
+    return [pictures[each.frame] for each in definition.drawn]

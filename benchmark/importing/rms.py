@@ -16,6 +16,7 @@ from typing import Any
 
 import celnav
 from benchmark.errors import PhotographError
+from benchmark.importing.drawn_centroids import draw_centroids
 from benchmark.importing.told import ToldCamera
 from benchmark.place import Place
 from celnav.command.calibration_frames import read_rms_centroids
@@ -48,17 +49,23 @@ class RmsNight:
     station: str
 
 
-def read_night(folder: Path, place: Place | None = None) -> RmsNight:
+def read_night(folder: Path, place: Place | None = None, centroids_in: Path | None = None) -> RmsNight:
     """Read a folder of RMS: its files, and the place of the station from .config or from the platepars.
+
+    With a folder `centroids_in`, the files are pictures of the measured centroids, which are drawn there
+    (`benchmark.importing.drawn_centroids`), in place of the FF files.
 
     Raises
     ------
     PhotographError
-        There is no FF file, or the place is unknown; the message says what to do.
+        There is no FF file or no centroid, or the place is unknown; the message says what to do.
     """
     if not folder.is_dir():
         raise PhotographError(f"{folder}: no such folder")
-    files = sorted(path for path in folder.iterdir() if path.name.startswith("FF") and path.name.endswith(_ENDINGS))
+    if centroids_in is not None:
+        files = draw_centroids(folder / PLATEPARS, centroids_in)
+    else:
+        files = sorted(path for path in folder.iterdir() if path.name.startswith("FF") and path.name.endswith(_ENDINGS))
     if not files:
         raise PhotographError(f"{folder}: no FF file (FF_STATION_DATE_TIME_MS_FRAME.fits, also .gz or .bz2) in it")
     found = place or _place_of_config(folder / CONFIG) or _place_of_platepars(folder / PLATEPARS)

@@ -33,15 +33,31 @@ class Condition(Strict):
     harder: Literal["higher", "lower"]
 
 
-class Source(Strict):
-    """A photograph."""
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$")]
 
-    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$")]
-    condition: float
+
+class Source(Strict):
+    """A file: a photograph, or the centroids of a night."""
+
+    file: FileName
+    published: FileName | None = None
+    """Name under which it is published, where another file of the task has the same."""
+    condition: float | None = None
+    """Missing for a night's centroids, of which each frame has its own."""
     bytes: Annotated[int, Field(gt=0, le=LARGEST_SOURCE_BYTES)]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     address: Annotated[str, Field(pattern=r"^https://[!-~]+$")] | None = None
     """Address of the file; by default the task's address and the file's name."""
+
+
+class DrawnFrame(Strict):
+    """A frame of which the centroids are known, and drawn (`benchmark.importing.drawn_centroids`)."""
+
+    frame: FileName
+    """Name of its FF file in the night's centroids."""
+    night: FileName
+    """The source that has them."""
+    condition: float
 
 
 class Site(Strict):
@@ -72,14 +88,29 @@ class RealTaskDefinition(Strict):
     condition: Condition
     address: Annotated[str, Field(pattern=r"^https://[!-~]+/$")] | None = None
     sources: Annotated[tuple[Source, ...], Field(min_length=1, max_length=2000), BeforeValidator(listed)]
+    drawn: Annotated[tuple[DrawnFrame, ...], Field(max_length=2000), BeforeValidator(listed)] = ()
+    """Frames of a task of centroids, which has no photographs."""
+
+    @property
+    def conditions(self) -> tuple[float, ...]:
+        """Condition of each frame."""
+        return tuple(each.condition for each in self.drawn or self.sources if each.condition is not None)
 
     @model_validator(mode="after")
     def _consistent(self) -> RealTaskDefinition:
-        if strangers := {source.condition for source in self.sources} - set(self.condition.values):
-            raise ValueError(f"sources: condition {min(strangers):g} is none of {self.condition.values}")
+        if strangers := set(self.conditions) - set(self.condition.values):
+            raise ValueError(f"condition {min(strangers):g} is none of {self.condition.values}")
         names = [source.file for source in self.sources]
         if len(set(names)) != len(names):
             raise ValueError("sources: a file is listed twice")
+        if unknown := {each.night for each in self.drawn} - set(names):
+            raise ValueError(f"drawn: night {min(unknown)} is none of the sources")
+        if len({each.frame for each in self.drawn}) != len(self.drawn):
+            raise ValueError("drawn: a frame is listed twice")
+        if any((source.condition is None) != bool(self.drawn) for source in self.sources):
+            raise ValueError(
+                "condition: each photograph has one; of centroids each drawn frame has one, not their file"
+            )
         return self
 
 
@@ -111,7 +142,7 @@ class RealTask:
         return Place(site.latitude_deg, site.longitude_deg, site.height_m)
 
     def address_of(self, source: Source) -> str | None:
-        """Where a photograph can be fetched; None where no address is known."""
+        """Where a file can be fetched; None where no address is known."""
         if source.address is not None or self.definition.address is None:
             return source.address
         return f"{self.definition.address}{source.file}"

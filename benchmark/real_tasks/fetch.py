@@ -74,7 +74,8 @@ def _from_address(task: RealTask, source: Source) -> bytes:
     address, elsewhere = task.address_of(source), _elsewhere(task)
     if address is None:
         raise TaskError(
-            f"{task.label}: no address of {source.file} is known; it was published in {task.definition.origin}. {elsewhere}"
+            f"{task.label}: no address of {source.published or source.file} is known; it was published in "
+            f"{task.definition.origin}. {elsewhere}"
         )
     try:
         with urllib.request.urlopen(address, timeout=TIMEOUT_S) as stream:  # the definition allows only https
@@ -92,7 +93,7 @@ def _from_folder(task: RealTask, source: Source, folder: Path) -> bytes:
         raise TaskError(f"{folder}: no such folder")
     refused = None
     for ending in _ENDINGS:
-        for path in sorted(folder.rglob(f"{source.file}{ending}")):
+        for path in sorted(folder.rglob(f"{source.published or source.file}{ending}")):
             # A file of the right size, or a compressed one that cannot be much larger than its content.
             if not path.is_file() or path.stat().st_size > source.bytes + 100_000:
                 refused = path
@@ -106,7 +107,7 @@ def _from_folder(task: RealTask, source: Source, folder: Path) -> bytes:
             refused = path
     if refused is not None:
         raise TaskError(f"{refused}: is not the photograph of {task.label} (SHA-256 differs)")
-    raise TaskError(f"{folder}: {source.file} is not in it, nor in a folder below")
+    raise TaskError(f"{folder}: {source.published or source.file} is not in it, nor in a folder below")
 
 
 def _bounded(path: Path, ending: str, source: Source) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import tempfile
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -123,6 +124,12 @@ def rms(
         tuple[float, float, float] | None,
         typer.Option("--site", metavar="LAT LON HEIGHT", help="Where neither .config nor platepars say it."),
     ] = None,
+    centroids: Annotated[
+        bool,
+        typer.Option(
+            "--centroids", help="Frames of the centroids that RMS measured, drawn as pictures, in place of FF files."
+        ),
+    ] = False,
     out: Out = Path("out/meteors"),
     name: Name = "",
     overwrite: Overwrite = False,
@@ -135,13 +142,14 @@ def rms(
     from benchmark.place import Place
 
     try:
-        night = read_night(folder, None if site is None else Place(*site))
-        if camera is None:
-            with working("calibrating the camera on the night's centroids"):
-                told = calibrate_night(folder, night.place)
-        else:
-            told = read_told(camera)
-        _make(Import(name or night.station, night.files, night.place, told), out, overwrite, as_json)
+        with tempfile.TemporaryDirectory(prefix="skybench-centroids-") as drawn:
+            night = read_night(folder, None if site is None else Place(*site), Path(drawn) if centroids else None)
+            if camera is None:
+                with working("calibrating the camera on the night's centroids"):
+                    told = calibrate_night(folder, night.place)
+            else:
+                told = read_told(camera)
+            _make(Import(name or night.station, night.files, night.place, told), out, overwrite, as_json)
     except (BenchmarkError, GeneratorError) as error:
         fail(error)
 
