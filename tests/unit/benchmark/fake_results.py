@@ -28,6 +28,11 @@ class FakeTask:
     unit: str
     levels: tuple[float, ...]
     larger_is_harder: bool = True
+    revision: int = 1
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}@{self.revision}"
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ def write_results(
     frames_per_level: int = 20,
     modes: tuple[str, ...] = ("own", "shared"),
 ) -> Path:
-    """Write ``root/<task>@1/dev/<mode>/<solver>-<key>/`` for all."""
+    """Write ``root/<task>@<revision>/dev/<mode>/<solver>-<key>/`` for all."""
     for place, task in enumerate(tasks):
         for mode in modes:
             for number, solver in enumerate(solvers):
@@ -74,7 +79,7 @@ def write_results(
 def write_frames(data: Path, tasks: tuple[FakeTask, ...] = TASKS, frames_per_level: int = 20) -> Path:
     """Write the pictures of the tasks' frames where those of rendered tasks lie."""
     for place, task in enumerate(tasks):
-        folder = data / f"{task.name}@1" / f"dev-{SCENARIO_SHA256[:12]}" / "unpacked"
+        folder = data / task.label / f"dev-{SCENARIO_SHA256[:12]}" / "unpacked"
         _write_pictures(folder, len(task.levels) * frames_per_level, place)
     return data
 
@@ -159,8 +164,8 @@ SCENARIO_SHA256 = "ab" * 32
 def _provenance(task: FakeTask, solver: FakeSolver, mode: str, per_level: int, key: str) -> RunProvenance:
     return RunProvenance(
         frames=FrameFacts(
-            target=f"{task.name}@1",
-            label=f"{task.name}@1",
+            target=task.label,
+            label=task.label,
             title=task.title,
             split="dev",
             condition=None,

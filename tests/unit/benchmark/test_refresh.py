@@ -25,6 +25,7 @@ from benchmark.run.freshness import Age, State
 from benchmark.run.packing import pack_tree
 from benchmark.run.superseded import outdated, remove_outdated, superseded
 from benchmark.solvers.definition import read_solver_folder
+from benchmark.tasks.definition import load_task
 
 TODAY, OLDER = Age(State.TODAY, "a" * 12), Age(State.OLDER, "b" * 12, ("today's is " + "a" * 12,))
 UNRECORDED = Age(State.UNRECORDED, None)
@@ -68,8 +69,9 @@ def test_fused_solvers_have_rows_of_tasks_of_sequences_alone(tmp_path: Path) -> 
 
 
 def test_rows_that_are_missing_are_left_out_where_only_those_that_are_there_are_wanted(tmp_path: Path) -> None:
-    root = write_results(tmp_path / "results", TASKS, (SOLVERS[0],), frames_per_level=10, modes=("own",))
-    request = BoardsRequest((TASKS[0].name,), ("skybench", "tetra3rs"), root, tmp_path, 1, 1)
+    task = dataclasses.replace(TASKS[0], revision=load_task(TASKS[0].name).definition.revision)
+    root = write_results(tmp_path / "results", (task,), (SOLVERS[0],), frames_per_level=10, modes=("own",))
+    request = BoardsRequest((task.name,), ("skybench", "tetra3rs"), root, tmp_path, 1, 1)
     assert len(plan_boards(request).jobs) == 2
     (job,) = plan_boards(dataclasses.replace(request, existing=True)).jobs
     assert (job.place.solver, job.why == "missing") == ("skybench", False)
