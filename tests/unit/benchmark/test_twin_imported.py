@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 from photograph_files import CAMERA, EXPOSURE_S, PLACE, standin, true_attitude, write_camera, write_fits
-from PIL import Image
 from small_scenes import small_scenario
 from typer.testing import CliRunner
 
@@ -21,8 +20,6 @@ from benchmark.errors import PhotographError
 from benchmark.frames.dataset import open_dataset
 from benchmark.importing.told import read_told
 from benchmark.importing.write import Import, import_photographs
-from benchmark.twin import render_twin
-from benchmark.twin.ground import PICTURE_PX
 from benchmark.twin.scene import Scene, read_scene
 from benchmark.twin.sources import check_names, sources_of
 from benchmark.twin.truth import TruthFolder
@@ -135,50 +132,13 @@ def test_folders_without_photographs_are_refused(imported: Path, scene: Scene, t
         check_names(sources_of([imported, tmp_path / "Night_7.fits"]))
 
 
-def test_a_mask_is_of_the_records_camera(imported: Path, scene: Scene, tmp_path: Path, monkeypatch) -> None:
-    """What is black is not sky for the twin of an imported photograph too, and another size is refused."""
-    given: list[Any] = []
-
-    def make_twin(*_: Any, not_sky: Any, **__: Any) -> Twin:
-        given.append(not_sky)
-        raise PhotographError("no more than the mask is wanted")
-
-    monkeypatch.setattr(render_twin, "make_twin", make_twin)
-    height, width = standin().shape
-    picture = np.full((height, width), 255, np.uint8)
-    picture[height // 2 :] = 0
-    Image.fromarray(picture).save(tmp_path / "mask.png")
-    Image.fromarray(picture[1:]).save(tmp_path / "low.png")
-    command = ["twin", str(imported), "--scene", str(scene.path), "--out", str(tmp_path / "out"), "--mask"]
-    told = CliRunner().invoke(app, [*command, str(tmp_path / "mask.png")])
-    assert "no more than the mask is wanted" in told.stderr
-    assert (given[0] == (picture == 0)).all()
-    told = CliRunner().invoke(app, [*command, str(tmp_path / "low.png")])
-    assert told.exit_code == 2
-    assert f"has {width} x {height - 1} pixels, the camera {width} x {height}" in " ".join(told.stderr.split())
-    assert len(given) == 1
-
-
-def test_the_ground_of_a_dataset_is_a_picture_for_the_scene(imported: Path, scene: Scene, tmp_path: Path) -> None:
-    """Written with the record's lens and attitude, and read as a landscape."""
-    told = CliRunner().invoke(
-        app, ["twin", str(imported), "--scene", str(scene.path), "--ground", str(tmp_path / "ground.png")]
-    )
-    assert (told.exit_code, told.stdout.strip()) == (0, str(tmp_path / "ground.png")), told.stderr
-    with Image.open(tmp_path / "ground.png") as picture:
-        assert picture.mode == "RGBA"
-        assert picture.size == (PICTURE_PX, PICTURE_PX)
-
-
 def twin_of(scene: Scene, imported: Path, **overrides: Any) -> Twin:
     """A photograph with a small frame as its twin, nothing of which is fitted."""
     _, photograph = sources_of([imported])[0].read(scene)
     frame = render_frame(small_scenario(**overrides), 0, channels=False)
     assert photograph.alignment is not None
     nothing: Any = None
-    return Twin(
-        photograph, scene.path, photograph.alignment, nothing, frame, nothing, nothing, nothing, nothing, 0.0, 0.0
-    )
+    return Twin(photograph, scene.path, photograph.alignment, nothing, frame, nothing, nothing, nothing, nothing, 0.0, 0.0)
 
 
 def test_twins_are_a_dataset_after_each_of_them(imported: Path, scene: Scene, tmp_path: Path) -> None:
