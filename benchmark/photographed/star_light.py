@@ -33,8 +33,6 @@ class StarLight:
         Value of the brightest pixel of the aperture, DN.
     nearest_share : (n,) array
         Fraction of the flux in the brightest pixel.
-    width_px : (n,) array
-        Root mean square distance, along one axis, of the aperture's light from its centroid; light beyond it does not count.
     """
 
     uv: Floats
@@ -43,7 +41,6 @@ class StarLight:
     noise: Floats
     peak: Floats
     nearest_share: Floats
-    width_px: Floats
 
     @property
     def snr(self) -> Floats:
@@ -64,7 +61,7 @@ def star_light(
     start = np.rint(np.where(np.isfinite(uv), uv, -1e6)).astype(np.int64)
     margin = HALF_PX + int(np.ceil(search_px))
     inside = ((start >= margin) & (start < np.array([width, height]) - margin)).all(axis=1)
-    found = StarLight(np.full((n, 2), np.nan), *(np.full(n, np.nan) for _ in range(6)))
+    found = StarLight(np.full((n, 2), np.nan), *(np.full(n, np.nan) for _ in range(5)))
     if not inside.any():
         return found
     centre = uv[inside]
@@ -88,10 +85,6 @@ def star_light(
     found.flux[inside], found.sky[inside], found.noise[inside] = flux, sky, np.maximum(noise, 1e-6)
     found.peak[inside] = peak + sky
     found.nearest_share[inside] = peak / np.where(np.abs(flux) > 1e-9, flux, np.nan)
-    middle = (found.uv[inside] - place)[:, :, None, None]
-    spread = (light * ((u - middle[:, 0]) ** 2 + (v - middle[:, 1]) ** 2)).sum(axis=(1, 2))
-    with np.errstate(invalid="ignore"):  # noise alone may have a negative flux or spread
-        found.width_px[inside] = np.sqrt(spread / np.where(np.abs(flux) > 1e-9, flux, np.nan) / 2.0)
     return found
 
 

@@ -24,9 +24,7 @@ STAR_PX = 1.5
 STAR_MAG = 7.5
 """Faintest star that a detection can be."""
 NAMED_MAG = 4.5
-"""Faintest star of the SNR, light and share that are compared as one number each."""
-BINNED_MAG = 6.0
-"""Faintest star whose SNR and width are compared in bins (`benchmark.twin.star_bins`)."""
+"""Faintest star whose SNR is compared."""
 SEP_SIGMA = 3.0
 NOISE_ABOVE_DEG = 35.0
 GLARE = 1.5
@@ -62,10 +60,6 @@ class Measured:
         Fraction of their light in the brightest pixel.
     flux : (n,) array
         Flux of these stars, DN.
-    faint_snr : (n,) array
-        SNR of the stars brighter than V 6 without a neighbour.
-    width_px : (n,) array
-        Width of the light of these.
     """
 
     celnav: int
@@ -79,8 +73,6 @@ class Measured:
     snr: Floats
     nearest_share: Floats
     flux: Floats
-    faint_snr: Floats
-    width_px: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +84,11 @@ class Stars:
     uv : (n, 2) array
         Expected positions, px.
     v_mag, altitude_deg : (n,) arrays
-    axis_deg : (n,) array
-        Angle from the camera's axis.
     """
 
     uv: Floats
     v_mag: Floats
     altitude_deg: Floats
-    axis_deg: Floats
 
 
 def measure(
@@ -117,10 +106,9 @@ def measure(
     smooth = uniform_filter(pixels - dark, PATCH_PX)
     noise, autocorrelation, spectrum = _noise(pixels, upper & (smooth < GLARE * np.median((pixels - dark)[upper])))
     alone = isolated(stars.uv, stars.v_mag)
-    seen = alone & (stars.v_mag < BINNED_MAG) & (stars.altitude_deg > DETECTED_ABOVE_DEG) & on_mask(stars.uv, usable)
-    light = star_light(pixels, np.where(seen[:, None], stars.uv, np.nan), search_px=2.0)
+    named = alone & (stars.v_mag < NAMED_MAG) & (stars.altitude_deg > DETECTED_ABOVE_DEG) & on_mask(stars.uv, usable)
+    light = star_light(pixels, np.where(named[:, None], stars.uv, np.nan), search_px=2.0)
     whole = light.peak < 0.8 * highest_dn
-    named = whole & (stars.v_mag < NAMED_MAG)
     levels = np.full(len(SKY_EDGES_DEG) - 1, np.nan)
     for band, (low, high) in enumerate(itertools.pairwise(SKY_EDGES_DEG)):
         part = sky & (view.altitude_deg >= low) & (view.altitude_deg < high)
@@ -135,11 +123,9 @@ def measure(
         noise=noise,
         autocorrelation=autocorrelation,
         spectrum=spectrum,
-        snr=np.where(named, light.snr, np.nan),
-        nearest_share=np.where(named, light.nearest_share, np.nan),
-        flux=np.where(named, light.flux, np.nan),
-        faint_snr=np.where(whole, light.snr, np.nan),
-        width_px=np.where(whole, light.width_px, np.nan),
+        snr=np.where(whole, light.snr, np.nan),
+        nearest_share=np.where(whole, light.nearest_share, np.nan),
+        flux=np.where(whole, light.flux, np.nan),
     )
 
 

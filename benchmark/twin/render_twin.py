@@ -195,7 +195,7 @@ def make_twin(
     tree = with_passing(tree, passing)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
-    stars = stars_to_compare(frame.stars, alignment.R_cam)
+    stars = stars_to_compare(frame.stars)
     compared = sky & ~widened(ground_of(frame.expected, photograph.pixels.shape), EDGE_PX)
     measured = [
         measure(image, dark_plane(image, camera, circle_px, black_dn), view, compared, stars, full)
@@ -210,7 +210,6 @@ def make_twin(
         sky=compared,
         real=measured[0],
         made=measured[1],
-        stars=stars,
         moon_altitude_deg=frame.plan.sky.moon_altitude_deg,
         sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
     )
@@ -362,12 +361,10 @@ def stars_of(table: pa.Table) -> dict[str, Floats]:
     return {name: np.asarray(table[name], dtype=np.float64)[star] for name in names}
 
 
-def stars_to_compare(table: pa.Table, R_cam: Floats) -> Stars:
-    """Stars of the truth of a frame with an attitude (ENU to camera), for the comparison."""
+def stars_to_compare(table: pa.Table) -> Stars:
+    """Stars of the frame's truth, for the comparison."""
     rows = stars_of(table)
-    forward = directions(rows["azimuth_deg"], rows["altitude_deg"]) @ R_cam[2]
-    uv = np.column_stack((rows["u_px"], rows["v_px"]))
-    return Stars(uv, rows["v_mag"], rows["altitude_deg"], np.degrees(np.arccos(np.clip(forward, -1.0, 1.0))))
+    return Stars(np.column_stack((rows["u_px"], rows["v_px"])), rows["v_mag"], rows["altitude_deg"])
 
 
 def ground_of(expected: ExpectedFrame, shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from benchmark.twin.comparison import SKY_EDGES_DEG
-from benchmark.twin.star_bins import StarBin, snr_by_magnitude, width_by_angle
 from benchmark.twin.twin import StackRange, Twin
 from generator.files import write_bytes
 
@@ -78,13 +77,6 @@ def numbers_of_twin(twin: Twin) -> dict[str, Any]:
         "flux_ratio": _finite(_median_ratio(real.flux, made.flux)),
         "nearest_share_real": _finite(_median(real.nearest_share[_both(real.snr, made.snr)])),
         "nearest_share_twin": _finite(_median(made.nearest_share[_both(real.snr, made.snr)])),
-        "snr_by_magnitude": [_bin(one) for one in snr_by_magnitude(real.faint_snr, made.faint_snr, twin.stars.v_mag)],
-        "width_by_angle_px": [
-            _bin(one)
-            for one in width_by_angle(
-                (real.width_px, made.width_px), (real.faint_snr, made.faint_snr), twin.stars.axis_deg
-            )
-        ],
     }
 
 
@@ -207,11 +199,6 @@ def write_picture(twin: Twin, folder: Path) -> Path:
     path = folder / f"{twin.photograph.name}.jpg"
     write_bytes(path, stream.getvalue())
     return path
-
-
-def _bin(one: StarBin) -> dict[str, float | int | None]:
-    values = dataclasses.asdict(one)
-    return values | {name: _finite(values[name]) for name in ("real", "twin", "ratio", "sigma")}
 
 
 def _both(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.photographed.alignment import Alignment
-from benchmark.twin.comparison import Measured, Stars
+from benchmark.twin.comparison import Measured
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.weather import Weather
 from generator.frame.render import RenderedFrame
@@ -80,8 +80,6 @@ class Twin:
     sky : (height, width) bool array
         Pixels that are compared.
     real, made : Measured
-    stars : Stars
-        The stars that both were measured at.
     moon_altitude_deg, sun_altitude_deg : float
     ranges : (StackRange, StackRange) or None
         For a stack of video: what else the photograph's and the twin's stacks contain.
@@ -95,7 +93,6 @@ class Twin:
     sky: NDArray[np.bool_]
     real: Measured
     made: Measured
-    stars: Stars
     moon_altitude_deg: float
     sun_altitude_deg: float
     ranges: tuple[StackRange, StackRange] | None = None

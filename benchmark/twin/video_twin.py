@@ -121,7 +121,7 @@ def make_video_twin(
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
     stack, made_stack = photograph.stack, read_stack(frame.attached[STACK_SUFFIX], path.name)
-    stars = stars_to_compare(frame.stars, alignment.R_cam)
+    stars = stars_to_compare(frame.stars)
     black = np.full((height, width), black_dn, dtype=np.float32)
     measured = [
         measure(image, black, view, sky, stars, HIGHEST_8_BIT) for image in (photograph.pixels, made_stack.mean)
@@ -135,7 +135,6 @@ def make_video_twin(
         sky=sky,
         real=measured[0],
         made=measured[1],
-        stars=stars,
         moon_altitude_deg=frame.plan.sky.moon_altitude_deg,
         sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
         ranges=None if stack is None else (range_of(stack, sky), range_of(made_stack, sky)),

@@ -29,7 +29,6 @@ from benchmark.studies.common.records import write_table
 from benchmark.studies.realism.agreement import Agreement, Outcomes, agreement_of, successes
 from benchmark.studies.realism.likeness import Likeness
 from benchmark.studies.realism.pairs import Pairs, make_pairs
-from benchmark.studies.realism.star_tables import star_tables
 from benchmark.twin.scene import Scene
 from generator.files import write_bytes
 
@@ -115,7 +114,6 @@ def run_study(
             solver_table(outcomes),
             frame_table(pairs.names, outcomes),
             *measure_tables(pairs.measures),
-            *star_tables(pairs.measures),
             likeness_table([one["photograph"] for one in pairs.measures], pairs.likenesses),
         ),
         measures=pairs.measures,

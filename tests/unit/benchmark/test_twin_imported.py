@@ -138,7 +138,7 @@ def twin_of(scene: Scene, imported: Path, **overrides: Any) -> Twin:
     frame = render_frame(small_scenario(**overrides), 0, channels=False)
     assert photograph.alignment is not None
     nothing: Any = None
-    return Twin(photograph, scene.path, photograph.alignment, nothing, frame, nothing, nothing, nothing, nothing, 0.0, 0.0)
+    return Twin(photograph, scene.path, photograph.alignment, nothing, frame, nothing, nothing, nothing, 0.0, 0.0)
 
 
 def test_twins_are_a_dataset_after_each_of_them(imported: Path, scene: Scene, tmp_path: Path) -> None:
