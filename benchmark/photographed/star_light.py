@@ -66,10 +66,10 @@ def star_light(
         return found
     centre = uv[inside]
     if search_px:
-        around = _squares(pixels, np.rint(centre).astype(np.int64), margin - HALF_PX)
+        around = squares(pixels, np.rint(centre).astype(np.int64), margin - HALF_PX)
         centre = centre + _brightest(around, centre, search_px)
     place = np.rint(centre).astype(np.int64)
-    square = _squares(pixels, place, HALF_PX).astype(np.float64)
+    square = squares(pixels, place, HALF_PX).astype(np.float64)
     v, u = np.mgrid[-HALF_PX : HALF_PX + 1, -HALF_PX : HALF_PX + 1]
     du, dv = (u - (centre - place)[:, 0, None, None], v - (centre - place)[:, 1, None, None])
     distance = np.hypot(du, dv)
@@ -104,7 +104,7 @@ def isolated(uv: Floats, v_mag: Floats, within_px: float = 8.0, fainter_mag: flo
     return alone
 
 
-def _squares(pixels: NDArray[np.floating], place: NDArray[np.int64], half: int) -> NDArray[np.floating]:
+def squares(pixels: NDArray[np.floating], place: NDArray[np.int64], half: int) -> NDArray[np.floating]:
     """Squares (n, 2 half + 1, 2 half + 1) around pixels (n, 2)."""
     steps = np.arange(-half, half + 1)
     return pixels[place[:, 1, None, None] + steps[:, None], place[:, 0, None, None] + steps]

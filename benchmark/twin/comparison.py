@@ -11,6 +11,7 @@ from scipy.ndimage import binary_dilation, uniform_filter
 from scipy.spatial import cKDTree
 
 from benchmark.photographed.star_light import isolated, star_light
+from benchmark.photographed.star_width import star_widths
 from benchmark.photographed.view import View, on_mask
 from celnav.detection import detect
 
@@ -24,7 +25,11 @@ STAR_PX = 1.5
 STAR_MAG = 7.5
 """Faintest star that a detection can be."""
 NAMED_MAG = 4.5
-"""Faintest star whose SNR is compared."""
+"""Faintest star of the medians over stars."""
+MEASURED_MAG = 6.0
+"""Faintest star whose light is measured, for bins of magnitude."""
+WIDTH_ABOVE_DEG = 10.0
+"""Altitude above which the width of stars is measured: lower than their light, so that more of the lens is seen."""
 SEP_SIGMA = 3.0
 NOISE_ABOVE_DEG = 35.0
 GLARE = 1.5
@@ -54,12 +59,18 @@ class Measured:
         Autocorrelation of neighbours along u and v.
     spectrum : (4,) array
         Mean power in `BANDS_PER_PX` over the variance.
+    stars : Stars
+        The n stars to which the next arrays belong.
     snr : (n,) array
-        SNR of the stars brighter than V 4.5 without a neighbour; NaN where there is none.
+        SNR of the stars brighter than V 6 without a neighbour, above 20 deg; NaN of others and of saturated ones.
     nearest_share : (n,) array
         Fraction of their light in the brightest pixel.
     flux : (n,) array
         Flux of these stars, DN.
+    width_px : (n,) array
+        Standard deviation (`star_widths`) of such stars above 10 deg; NaN of others.
+    width_snr : (n,) array
+        SNR of these stars.
     """
 
     celnav: int
@@ -70,9 +81,12 @@ class Measured:
     noise: float
     autocorrelation: Floats
     spectrum: Floats
+    stars: Stars
     snr: Floats
     nearest_share: Floats
     flux: Floats
+    width_px: Floats
+    width_snr: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +98,14 @@ class Stars:
     uv : (n, 2) array
         Expected positions, px.
     v_mag, altitude_deg : (n,) arrays
+    off_axis_deg : (n,) array
+        Angle from the optical axis.
     """
 
     uv: Floats
     v_mag: Floats
     altitude_deg: Floats
+    off_axis_deg: Floats
 
 
 def measure(
@@ -106,9 +123,10 @@ def measure(
     smooth = uniform_filter(pixels - dark, PATCH_PX)
     noise, autocorrelation, spectrum = _noise(pixels, upper & (smooth < GLARE * np.median((pixels - dark)[upper])))
     alone = isolated(stars.uv, stars.v_mag)
-    named = alone & (stars.v_mag < NAMED_MAG) & (stars.altitude_deg > DETECTED_ABOVE_DEG) & on_mask(stars.uv, usable)
-    light = star_light(pixels, np.where(named[:, None], stars.uv, np.nan), search_px=2.0)
+    alone &= (stars.v_mag < MEASURED_MAG) & (stars.altitude_deg > WIDTH_ABOVE_DEG) & on_mask(stars.uv, sky)
+    light = star_light(pixels, np.where(alone[:, None], stars.uv, np.nan), search_px=2.0)
     whole = light.peak < 0.8 * highest_dn
+    high = whole & (stars.altitude_deg > DETECTED_ABOVE_DEG) & on_mask(stars.uv, usable)
     levels = np.full(len(SKY_EDGES_DEG) - 1, np.nan)
     for band, (low, high) in enumerate(itertools.pairwise(SKY_EDGES_DEG)):
         part = sky & (view.altitude_deg >= low) & (view.altitude_deg < high)
@@ -123,9 +141,12 @@ def measure(
         noise=noise,
         autocorrelation=autocorrelation,
         spectrum=spectrum,
-        snr=np.where(whole, light.snr, np.nan),
-        nearest_share=np.where(whole, light.nearest_share, np.nan),
-        flux=np.where(whole, light.flux, np.nan),
+        stars=stars,
+        snr=np.where(high, light.snr, np.nan),
+        nearest_share=np.where(high, light.nearest_share, np.nan),
+        flux=np.where(high, light.flux, np.nan),
+        width_px=np.where(whole, star_widths(pixels, light), np.nan),
+        width_snr=np.where(whole, light.snr, np.nan),
     )
 
 

@@ -38,6 +38,7 @@ from benchmark.twin.weather import (
     fit_weather,
     sky_cells,
 )
+from celnav.camera import Camera
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame
@@ -195,7 +196,7 @@ def make_twin(
     tree = with_passing(tree, passing)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
-    stars = stars_to_compare(frame.stars)
+    stars = stars_to_compare(frame.stars, camera)
     compared = sky & ~widened(ground_of(frame.expected, photograph.pixels.shape), EDGE_PX)
     measured = [
         measure(image, dark_plane(image, camera, circle_px, black_dn), view, compared, stars, full)
@@ -361,10 +362,12 @@ def stars_of(table: pa.Table) -> dict[str, Floats]:
     return {name: np.asarray(table[name], dtype=np.float64)[star] for name in names}
 
 
-def stars_to_compare(table: pa.Table) -> Stars:
+def stars_to_compare(table: pa.Table, camera: Camera) -> Stars:
     """Stars of the frame's truth, for the comparison."""
     rows = stars_of(table)
-    return Stars(np.column_stack((rows["u_px"], rows["v_px"])), rows["v_mag"], rows["altitude_deg"])
+    uv = np.column_stack((rows["u_px"], rows["v_px"]))
+    off_axis_deg = np.degrees(np.arccos(np.clip(camera.to_rays(uv)[:, 2], -1.0, 1.0)))
+    return Stars(uv, rows["v_mag"], rows["altitude_deg"], off_axis_deg)
 
 
 def ground_of(expected: ExpectedFrame, shape: tuple[int, ...]) -> NDArray[np.bool_]:

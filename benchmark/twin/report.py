@@ -15,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from benchmark.twin.comparison import SKY_EDGES_DEG
+from benchmark.twin.comparison import NAMED_MAG, SKY_EDGES_DEG
+from benchmark.twin.star_bins import plain_bins, snr_by_magnitude, width_by_angle
 from benchmark.twin.twin import StackRange, Twin
 from generator.files import write_bytes
 
 NUMBERS, TABLES = "twins.json", "twins.md"
+SNR_BINS, WIDTH_BINS = "snr_by_magnitude", "width_by_angle"
+"""Keys of the numbers by bins of stars (`benchmark.twin.star_bins`)."""
 LOW_QUANTILE, HIGH_QUANTILE = 0.01, 0.995
 """Quantiles of the photograph's sky that become black and white in both pictures."""
 GAMMA = 2.0
@@ -41,8 +44,10 @@ SIDE_PX = 620
 
 
 def numbers_of_twin(twin: Twin) -> dict[str, Any]:
-    """Numbers that describe a twin; ratios are photograph over twin."""
+    """Numbers that describe a twin; ratios are photograph over twin, medians those of stars to V 4.5."""
     real, made = twin.real, twin.made
+    named = real.stars.v_mag < NAMED_MAG
+    seen = named & _both(real.snr, made.snr)
     return {
         "photograph": twin.photograph.name,
         "utc_start": twin.photograph.utc_start,
@@ -72,11 +77,13 @@ def numbers_of_twin(twin: Twin) -> dict[str, Any]:
         "autocorrelation_real": [_finite(value) for value in real.autocorrelation],
         "autocorrelation_twin": [_finite(value) for value in made.autocorrelation],
         "spectrum_ratio": [_finite(value) for value in real.spectrum / made.spectrum],
-        "stars": int(_both(real.snr, made.snr).sum()),
-        "snr_ratio": _finite(_median_ratio(real.snr, made.snr)),
-        "flux_ratio": _finite(_median_ratio(real.flux, made.flux)),
-        "nearest_share_real": _finite(_median(real.nearest_share[_both(real.snr, made.snr)])),
-        "nearest_share_twin": _finite(_median(made.nearest_share[_both(real.snr, made.snr)])),
+        "stars": int(seen.sum()),
+        "snr_ratio": _finite(_median_ratio(real.snr[named], made.snr[named])),
+        "flux_ratio": _finite(_median_ratio(real.flux[named], made.flux[named])),
+        "nearest_share_real": _finite(_median(real.nearest_share[seen])),
+        "nearest_share_twin": _finite(_median(made.nearest_share[seen])),
+        SNR_BINS: plain_bins(snr_by_magnitude(real, made)),
+        WIDTH_BINS: plain_bins(width_by_angle(real, made)),
     }
 
 

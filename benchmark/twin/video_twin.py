@@ -121,7 +121,7 @@ def make_video_twin(
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
     stack, made_stack = photograph.stack, read_stack(frame.attached[STACK_SUFFIX], path.name)
-    stars = stars_to_compare(frame.stars)
+    stars = stars_to_compare(frame.stars, camera)
     black = np.full((height, width), black_dn, dtype=np.float32)
     measured = [
         measure(image, black, view, sky, stars, HIGHEST_8_BIT) for image in (photograph.pixels, made_stack.mean)

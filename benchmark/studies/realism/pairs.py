@@ -22,7 +22,7 @@ from benchmark.place import Place
 from benchmark.studies.realism.likeness import Likeness, likenesses
 from benchmark.twin.photograph import Photograph, read_photograph
 from benchmark.twin.render_twin import make_twin
-from benchmark.twin.report import numbers_of_twin
+from benchmark.twin.report import SNR_BINS, WIDTH_BINS, numbers_of_twin
 from benchmark.twin.scene import Scene
 from celnav.command.calibration_frames import read_frames
 from generator.files import atomic_path, write_bytes
@@ -130,11 +130,20 @@ def _twin(scene: Scene, path: Path, work: Path) -> tuple[Path, dict[str, Any]]:
     """Twin of a photograph as a FITS file, and the measurements on the two; produced if missing."""
     photograph = read_photograph(path)
     picture, numbers = work / "pictures" / f"{photograph.name}.fits", work / "pictures" / f"{photograph.name}.json"
-    if not (picture.is_file() and numbers.is_file()):
-        twin = make_twin(scene, photograph, work / "scenarios")
-        _write_fits(picture, photograph, twin.pixels)
-        write_bytes(numbers, (json.dumps(numbers_of_twin(twin), indent=1) + "\n").encode())
+    if picture.is_file() and (kept := _kept_numbers(numbers)) is not None:
+        return picture, kept
+    twin = make_twin(scene, photograph, work / "scenarios")
+    _write_fits(picture, photograph, twin.pixels)
+    write_bytes(numbers, (json.dumps(numbers_of_twin(twin), indent=1) + "\n").encode())
     return picture, json.loads(numbers.read_text(encoding="utf-8"))
+
+
+def _kept_numbers(path: Path) -> dict[str, Any] | None:
+    """Measurements of an earlier run; None without, and for those of a version that measured less."""
+    if not path.is_file():
+        return None
+    numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return numbers if {SNR_BINS, WIDTH_BINS} <= numbers.keys() else None
 
 
 def _write_fits(path: Path, photograph: Photograph, pixels: np.ndarray[Any, np.dtype[np.uint16]]) -> None:

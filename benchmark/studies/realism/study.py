@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from markupsafe import Markup
 
 from benchmark import provenance
 from benchmark.errors import ResultsError
@@ -29,6 +30,7 @@ from benchmark.studies.common.records import write_table
 from benchmark.studies.realism.agreement import Agreement, Outcomes, agreement_of, successes
 from benchmark.studies.realism.likeness import Likeness
 from benchmark.studies.realism.pairs import Pairs, make_pairs
+from benchmark.studies.realism.star_tables import pairs_of, star_figures, star_tables
 from benchmark.twin.scene import Scene
 from generator.files import write_bytes
 
@@ -114,6 +116,7 @@ def run_study(
             solver_table(outcomes),
             frame_table(pairs.names, outcomes),
             *measure_tables(pairs.measures),
+            *star_tables(pairs_of(pairs.measures)),
             likeness_table([one["photograph"] for one in pairs.measures], pairs.likenesses),
         ),
         measures=pairs.measures,
@@ -313,6 +316,7 @@ def page(study: Study, mark: Mark, sentence: str) -> str:
         machine=provenance.machine(),
         date=provenance.now_utc(),
         minutes=f"{study.minutes:.1f}",
+        figures=[(one, Markup(one.html)) for one in star_figures(pairs_of(study.measures))],
         mark=mark,
         sentence=sentence,
     )

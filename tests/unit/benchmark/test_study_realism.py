@@ -73,7 +73,7 @@ def measured(name: str) -> dict[str, object]:
         "photograph": name, "moon_altitude_deg": -3.2, "detections": {"celnav": found, "sep": found},
         "snr_ratio": 0.9, "flux_ratio": 1.1, "nearest_share_real": 0.3, "nearest_share_twin": 0.32,
         "sky_edges_deg": [10, 20, 90], "sky_ratio": [0.8, None], "noise_ratio": 1.0,
-        "spectrum_ratio": [1.0, 1.0, 0.9, 0.8],
+        "spectrum_ratio": [1.0, 1.0, 0.9, 0.8], "snr_by_magnitude": [], "width_by_angle": [],
     }  # fmt: skip
 
 

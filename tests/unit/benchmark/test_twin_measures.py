@@ -306,7 +306,7 @@ def night() -> tuple[np.ndarray, Stars]:
     v_mag = rng.uniform(1, 5, 150)
     uv = CAMERA.project(directions(azimuth, altitude) @ UP.T)
     image = draw(uv, 2e5 * 10 ** (-0.4 * v_mag)) + 800
-    return rng.normal(image, 15), Stars(uv, v_mag, altitude)
+    return rng.normal(image, 15), Stars(uv, v_mag, altitude, 90 - altitude)
 
 
 def test_measures_of_a_frame_of_known_stars_and_white_noise(night: tuple[np.ndarray, Stars]) -> None:
