@@ -86,6 +86,7 @@ def twin(
         trails = {} if passing is None else read_passing(passing)
         sources = sources_of(photographs)
         if ground is not None:
+            _check_alone(ground, {"--mask": mask, "--passing": passing})
             _check_writable(ground.parent)
             _write_ground(sources, given, ground)
             typer.echo(str(ground))
@@ -128,13 +129,20 @@ def _check_writable(folder: Path) -> None:
         raise PhotographError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
 
 
+def _check_alone(ground: Path, others: dict[str, Path | None]) -> None:
+    """Refuse options that a picture of the ground has no use for, which would seem to be heard."""
+    for name, given in others.items():
+        if given is not None:
+            raise PhotographError(f"--ground {ground}: is found from the photographs alone; leave {name} {given} out")
+
+
 def _write_ground(sources: list[Source], given: Scene, target: Path) -> None:
     import io
 
     from PIL import Image
 
     from benchmark.photographed.view import dark_plane, view_of
-    from benchmark.twin.ground import ground_mask, ground_reflectance, landscape_picture
+    from benchmark.twin.ground import check_fixed, ground_mask, ground_reflectance, landscape_picture
     from benchmark.twin.video_twin import stack_dn
     from generator.files import write_bytes
 
@@ -146,6 +154,7 @@ def _write_ground(sources: list[Source], given: Scene, target: Path) -> None:
             fixed = own if number == 0 else fixed
             pixels, sensor = photograph.pixels, fixed.spec.sensor
             fixed.check_size(source.path.name, pixels.shape)
+            check_fixed(source.name, (own.camera, own.spec.R_cam), (fixed.camera, fixed.spec.R_cam))
             factor = stack_dn(fixed, photograph.name) if photograph.mean_of_video else 1.0
             black_dn = float(sensor.black_level_dn * factor)
             frames.append(pixels - dark_plane(pixels, fixed.camera, fixed.spec.camera.image_circle_px, black_dn))

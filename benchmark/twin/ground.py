@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, gaussian_filter, label, median, minimum
 
+from benchmark.errors import PhotographError
 from benchmark.photographed.view import View
 from celnav.camera import Camera
 
@@ -44,6 +45,33 @@ DARK_SHARE = 0.05
 """Fraction of the ground that has the first of them."""
 UNSEEN = 0.07
 """Reflectance of ground that no photograph shows."""
+MOST_MOVED_DEG = 1.0
+"""Largest difference of a pixel's direction between photographs of one ground: the width of a ring of equal altitude."""
+CHECKED = 9
+"""Pixels along a side of the frame whose directions are compared."""
+
+
+def check_fixed(name: str, own: tuple[Camera, NDArray[np.float64]], first: tuple[Camera, NDArray[np.float64]]) -> None:
+    """Refuse a photograph whose camera looks elsewhere than the first one's; each is a camera with its ENU to camera.
+
+    Raises
+    ------
+    PhotographError
+        The pixels of the two cameras differ by more than `MOST_MOVED_DEG`; the message begins with the photograph's name.
+    """
+    v, u = np.meshgrid(
+        *(np.linspace(0, side - 1, CHECKED) for side in (first[0].height, first[0].width)), indexing="ij"
+    )
+    uv = np.column_stack((u.ravel(), v.ravel()))
+    ours, theirs = (camera.to_rays(uv) @ R_cam for camera, R_cam in (own, first))
+    # The chord, which small angles do not round to 0 as their cosine does.
+    chord = np.linalg.norm(ours - theirs, axis=1)
+    moved_deg = float(np.degrees(2 * np.arcsin(min(1.0, np.nanmax(chord, initial=0.0) / 2))))
+    if moved_deg > MOST_MOVED_DEG:
+        raise PhotographError(
+            f"{name}: its camera looks up to {moved_deg:.3g} deg away from where that of the first photograph looks; "
+            "the ground needs photographs of one fixed camera"
+        )
 
 
 def ground_mask(frames: Sequence[NDArray[np.floating]], view: View) -> Mask:
