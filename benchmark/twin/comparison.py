@@ -126,7 +126,7 @@ def measure(
     alone &= (stars.v_mag < MEASURED_MAG) & (stars.altitude_deg > WIDTH_ABOVE_DEG) & on_mask(stars.uv, sky)
     light = star_light(pixels, np.where(alone[:, None], stars.uv, np.nan), search_px=2.0)
     whole = light.peak < 0.8 * highest_dn
-    high = whole & (stars.altitude_deg > DETECTED_ABOVE_DEG) & on_mask(stars.uv, usable)
+    lit = whole & (stars.altitude_deg > DETECTED_ABOVE_DEG) & on_mask(stars.uv, usable)
     levels = np.full(len(SKY_EDGES_DEG) - 1, np.nan)
     for band, (low, high) in enumerate(itertools.pairwise(SKY_EDGES_DEG)):
         part = sky & (view.altitude_deg >= low) & (view.altitude_deg < high)
@@ -142,9 +142,9 @@ def measure(
         autocorrelation=autocorrelation,
         spectrum=spectrum,
         stars=stars,
-        snr=np.where(high, light.snr, np.nan),
-        nearest_share=np.where(high, light.nearest_share, np.nan),
-        flux=np.where(high, light.flux, np.nan),
+        snr=np.where(lit, light.snr, np.nan),
+        nearest_share=np.where(lit, light.nearest_share, np.nan),
+        flux=np.where(lit, light.flux, np.nan),
         width_px=np.where(whole, star_widths(pixels, light), np.nan),
         width_snr=np.where(whole, light.snr, np.nan),
     )

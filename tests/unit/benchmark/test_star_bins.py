@@ -78,6 +78,10 @@ def test_fainter_stars_have_their_ratio_at_every_magnitude() -> None:
     bins = snr_by_magnitude(real, twin)
     assert [(one.low, one.high) for one in bins] == [(2, 3), (3, 4), (4, 5), (5, 6)]
     assert sum(one.ratio.n for one in bins) > 300
+    low = STARS.altitude_deg < 20
+    assert low.sum() > 40
+    assert np.isnan(real.snr[low]).all()
+    assert np.isfinite(real.snr[~low]).all()
     for one in bins:
         assert one.low < one.middle < one.high
         assert one.ratio.value == pytest.approx(one.real.value / one.twin.value)

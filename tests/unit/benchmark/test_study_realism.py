@@ -1,5 +1,7 @@
 """The study of realism: statistics of agreement against hand-computed ones, its tables, and its page."""
 
+import dataclasses
+import json
 import math
 from pathlib import Path
 
@@ -11,8 +13,10 @@ from benchmark.report.formatting import number
 from benchmark.report.marks import Mark
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.realism import agreement as measures
+from benchmark.studies.realism import pairs
 from benchmark.studies.realism.agreement import Outcomes, agreement_of
 from benchmark.studies.realism.pairs import make_pairs
+from benchmark.studies.realism.star_tables import pairs_of, star_tables
 from benchmark.studies.realism.study import Study, frame_table, measure_tables, page, run_study, solver_table
 from benchmark.twin.scene import read_scene
 from generator.scenario.shipped import find_scenario
@@ -92,6 +96,40 @@ def test_the_page_says_what_was_found_and_what_is_undefined() -> None:
     nothing = Outcomes(("a", "b"), np.full((2, 4), INF), np.full((2, 4), INF))
     study = Study(names, "008.fits", nothing, agreement_of(nothing), tables, [], "command", 1.0)
     assert "undefined" in page(study, Mark("command", {"the study realism": "0" * 12}, {}), "")
+
+
+def binned_numbers(name: str) -> dict[str, object]:
+    estimate = {"value": 8.0, "low": 7.0, "high": 9.0, "n": 30}
+    ratio = {"value": 0.8, "low": 0.75, "high": 0.86, "n": 30}
+    row = {"low": 4.0, "high": 5.0, "middle": 4.6, "real": estimate, "twin": estimate, "ratio": ratio}
+    width = row | {"low": 15.0, "high": 30.0, "middle": 22.0}
+    return measured(name) | {"snr_by_magnitude": [row], "width_by_angle": [width]}
+
+
+def test_the_page_shows_the_stars_of_each_pair() -> None:
+    numbers = [binned_numbers("001"), measured("003")]
+    tables = star_tables(pairs_of(numbers))
+    assert tables[0].rows == (("001", "0.80 (0.75 to 0.86), 30"), ("003", "-"))
+    study = Study(("001", "003"), "003", OUTCOMES, agreement_of(OUTCOMES), tables, numbers, "command", 1.0)
+    text = page(study, Mark("command", {"the study realism": "0" * 12}, {}), "")
+    assert text.count("<figure>") == 2
+    assert "SNR, 001" in text
+    assert "Width of stars, 001" in text
+    assert "0.80 (0.75 to 0.86), 30" in text
+    assert "<figure>" not in page(
+        dataclasses.replace(study, measures=[measured("003")]), Mark("command", {"the study realism": "0" * 12}, {}), ""
+    )
+
+
+def test_measurements_of_a_version_that_measured_less_are_made_again(tmp_path: Path) -> None:
+    path = tmp_path / "001.json"
+    assert pairs._kept_numbers(path) is None
+    numbers = measured("001")
+    path.write_text(json.dumps(numbers), encoding="utf-8")
+    assert pairs._kept_numbers(path) == numbers
+    del numbers["width_by_angle"]
+    path.write_text(json.dumps(numbers), encoding="utf-8")
+    assert pairs._kept_numbers(path) is None
 
 
 def test_what_tells_nothing_is_refused(tmp_path: Path) -> None:
