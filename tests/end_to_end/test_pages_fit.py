@@ -9,8 +9,8 @@ RESULTS = Path(__file__).parents[2] / "results"
 SITE = RESULTS / "leaderboard" / "site"
 PAGES = {
     "index": SITE / "index.html",
-    "task": SITE / "bortle@1-dev-own.html",
-    "failures": SITE / "bortle@1-dev-own-failures.html",
+    "task": SITE / "bortle@2-dev-own.html",
+    "failures": SITE / "bortle@2-dev-own-failures.html",
     "solver": SITE / "solver-skybench.html",
     "calibration": RESULTS / "studies" / "calibration" / "index.html",
     "thesis": RESULTS / "studies" / "thesis" / "index.html",
@@ -19,8 +19,8 @@ PAGES = {
 SCREEN_PX, PHONE_PX = 1300, 400
 TITLES = {
     "index": "skybench leaderboard",
-    "task": "bortle@1",
-    "failures": "Failures of all solvers on bortle@1",
+    "task": "bortle@2",
+    "failures": "Failures of all solvers on bortle@2",
     "solver": "skybench leaderboard",
     "calibration": "Effects of calibration errors",
     "thesis": "replicated: skybench study",

@@ -35,7 +35,7 @@ from generator.seeds import random_stream
 FROZEN = {
     "allsky@1": "39b1ced7b55f49b8d390489ab3cd97ec673d74c5e0c26b705e969d89dbb4c14b",
     "attitude@2": "8deb835b9e749e7b5a700fe7effd0cbca8ad7e2bf8eb5e858fa7a03d38b4c486",
-    "bortle@2": "955fd1e914525aed4a12cdeabf790f6ed347308db531ac8b8b3cdac9735d8876",
+    "bortle@2": "5aaecf16f9e5a4f8f2954b7536e78ffa16c92a90cbe6a6286fea83db1bafb08d",
     "city@1": "358609eb67b9f3aa50ed71383af57ba40558a477e86f74fdede72b6b1f8549cd",
     "clutter@2": "05d3ebde7a23b3daf1be5aa878763ad87f72119eef221c399be815b21dd3fb6b",
     "drift@1": "c53085280722284aed3ddbe23161491c3c64fbb5f78cd7a73974b10f6b79193c",
@@ -47,7 +47,7 @@ FROZEN = {
     "startracker@1": "44ffa6d075b29a0832cceda66c96be85875cc286e8db65d4c88d7d25d76ed346",
     "startracker-false@1": "e1122a8247adb2c1fa71201b0e4f1a2a4d9d73ba784e668509311ba99a3c3022",
     "startracker-field@1": "170767c8af0d64dfbe52c1376d840f2f65122156333484ff39a0452f16391450",
-    "thesis-mag@2": "d258bafb83655c112f016120a9f244528c3761ed079298606e5d7ee74bbeee5c",
+    "thesis-mag@2": "16e61b01b70f9908ce4ac86458cda3f6c2b3deba8d6580a5ede223616eec3216",
     "uav@1": "21fb9f84449a37c5766da604586629a52afecc6e65096560dfe5dcb4852274aa",
     "unknown-camera@1": "2186d604988e4bab55afd38ea1f357df9de2e3d709612b225d2b8da6fdc51499",
     "weather@2": "0be5a2be34d64d444dd0a74040df4c75d9bfa3ee2623c9ae5a15209c326c44d9",
