@@ -55,12 +55,12 @@ def pairs_of(measures: Sequence[Mapping[str, Any]]) -> tuple[Pair, ...]:
 
 
 def star_tables(pairs: Sequence[Pair]) -> tuple[Table, ...]:
-    """Ratios by bin, with intervals and numbers of stars; a column is left out where no pair has stars in it."""
+    """Ratios by bin, with intervals and numbers of stars; columns and tables are left out where no pair has stars in them."""
     about = (
         "Photograph over twin, its 95 % interval by a bootstrap over stars, and the number of stars; "
         f"{NONE} with fewer than {LEAST_STARS}."
     )
-    return (
+    tables = (
         _table(
             "SNR by magnitude",
             f"{about} Medians of stars without a neighbour, above 20 deg; undefined (—) where the twin shows none.",
@@ -77,6 +77,7 @@ def star_tables(pairs: Sequence[Pair]) -> tuple[Table, ...]:
             [(pair.name, pair.width) for pair in pairs],
         ),
     )
+    return tuple(table for table in tables if len(table.header) > 1)
 
 
 def _table(

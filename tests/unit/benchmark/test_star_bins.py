@@ -188,6 +188,7 @@ def test_tables_and_figures_show_what_there_is() -> None:
     assert by_snr.rows[0] == ("clear", "1.00 (0.90 to 1.10), 20", "1.00 (0.90 to 1.10), 20", "-")
     assert by_snr.rows[1:] == (("cloud", "-", "-", "—, 9"), ("blank", "-", "-", "-"))
     assert by_angle.header == ("photograph", "deg 15 to 30")
+    assert star_tables(pairs[2:]) == ()
     drawn = star_figures(pairs)
     assert [one.title for one in drawn] == ["SNR, clear", "Width of stars, clear", "SNR, cloud"]
     assert all("<svg" in one.html and "photograph" in one.html for one in drawn)
