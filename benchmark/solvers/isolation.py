@@ -19,6 +19,8 @@ SYSTEM = (
     "/etc/fonts", "/etc/ssl/certs",
 )  # fmt: skip
 """Programs, libraries and the system files that they look up."""
+_LIBRARIES = ("site-packages", "dist-packages")
+"""Names of the folders in which Python packages are installed."""
 _PACKAGES = ("benchmark", "celnav", "generator")
 _PROBE_S = 30.0
 
@@ -63,6 +65,8 @@ def visible_places(command: list[str], folder: Path, more: Iterable[Path] = ()) 
     if program == Path(sys.executable):
         # Adapters import skybench, and celnav keeps tables in its cache.
         root = Path(__file__).parents[2]
+        # Packages may be outside of the environment: of the user, or of another one that a .pth file names.
+        places += [Path(entry) for entry in sys.path if Path(entry).name in _LIBRARIES]
         places += [
             Path(sys.prefix),
             Path(sys.base_prefix),

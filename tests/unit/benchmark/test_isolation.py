@@ -164,6 +164,17 @@ def test_adapters_are_isolated_too(frames, name, tmp_path, monkeypatch) -> None:
     assert contestant.facts("1", "own").isolation == ISOLATED
 
 
+def test_skybenchs_python_sees_packages_outside_of_its_environment(place, monkeypatch) -> None:
+    """Of sys.path only folders of installed packages: the folder that a program is started in may be on it too."""
+    for name in ("other/site-packages", "mine"):
+        (place / name).mkdir(parents=True)
+        monkeypatch.syspath_prepend(str(place / name))
+    ours, theirs = (visible_places([program], place / "solver") for program in (sys.executable, "/usr/bin/env"))
+    assert str(place / "other" / "site-packages") in ours
+    assert str(place / "mine") not in ours
+    assert str(place / "other" / "site-packages") not in theirs
+
+
 def test_a_program_reads_what_its_definition_declares(place) -> None:
     tables = place / "tables"
     tables.mkdir()
