@@ -80,7 +80,7 @@ def listed_real_tasks() -> list[ListedRealTask]:
     found = []
     for task in map(load_real_task, real_task_names()):
         definition, graded = task.definition, task.definition.condition
-        count = len(definition.sources)
+        count = len(definition.conditions)
         found.append(
             ListedRealTask(
                 task.label, definition.title, graded.name, graded.unit, graded.values, count, definition.licence

@@ -51,5 +51,5 @@ def fetch(
     if as_json:
         print_json({"task": found.label, "folder": folder_of, "photographs": count, "fetched": came})
         return
-    typer.echo(f"{found.label}: {len(came)} fetched, {count} photographs in {folder_of}")
+    typer.echo(f"{found.label}: {len(came)} fetched, {count} files in {folder_of}")
     typer.echo(f"licence {found.definition.licence}; {found.definition.credit}")

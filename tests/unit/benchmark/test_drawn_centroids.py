@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import celnav
 from benchmark.cli.app import app
+from benchmark.cli.listing import listed_real_tasks
 from benchmark.errors import PhotographError, TaskError
 from benchmark.frames.opening import open_frames
 from benchmark.frames.task_frames import FrameChoice
@@ -128,6 +129,8 @@ def test_a_task_of_centroids_grades_its_frames(night: Path, tmp_path: Path, monk
     monkeypatch.setattr(definition, "FOLDER", folder)
     task = load_real_task("small-drawn")
     assert fetch_sources(task, tmp_path / "data", night) == ["one.platepars.json"]
+    (listed,) = [each for each in listed_real_tasks() if each.task == task.label]
+    assert listed.photographs == 2
     found = open_frames("small-drawn", FrameChoice(data=tmp_path / "data"))
     assert [(frame.condition, frame.observation.utc) for frame in found.frames] == [
         (0.5, MIDDLES[1].replace("Z", "000Z")),
