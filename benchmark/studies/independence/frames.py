@@ -1,4 +1,4 @@
-"""Frames of a scenario with one thing changed, of which solvers receive no information."""
+"""Frames of a scenario with one thing changed."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import yaml
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from benchmark.errors import TaskError
 from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
-from benchmark.studies.independence.perturbations import Perturbation
+from benchmark.protocol import Observation
+from benchmark.studies.independence.perturbations import UNPERTURBED, Perturbation, SuppliedSizes
 from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame
@@ -54,7 +56,7 @@ def perturbed_scenario(scenario: Scenario, perturbation: Perturbation | None, n_
         raise TaskError(
             f"{scenario.source}: the study takes single raw frames; leave out sequences, sweeps and pictures"
         )
-    key = "none" if perturbation is None else perturbation.key
+    key = UNPERTURBED if perturbation is None else perturbation.frames_key
     tree = {**scenario.template, "camera": dict(scenario.template["camera"])}
     if perturbation is not None and perturbation.psf:
         changed = {**tree["camera"].get("psf", {}), **perturbation.psf}
@@ -70,7 +72,7 @@ def displaced(plan: FramePlan, perturbation: Perturbation) -> FramePlan:
         return plan
 
     def moved(enu: F8) -> F8:
-        rng = random_stream(plan.scenario.seed, f"study.{perturbation.key}", plan.index)
+        rng = random_stream(plan.scenario.seed, f"study.{perturbation.frames_key}", plan.index)
         return displace(plan, enu, rng)
 
     directions = np.stack([moved(plan.directions[:, k]) for k in range(plan.directions.shape[1])], axis=1)
@@ -130,19 +132,28 @@ def _rendered(plan: FramePlan) -> RenderedFrame:
     return RenderedFrame(plan, expected, dn, stars, objects)
 
 
-def joined_sets(sets: Mapping[str, Path]) -> FrameSet:
+def joined_sets(sets: Mapping[str, Path], told: Mapping[str, SuppliedSizes | None] = MappingProxyType({})) -> FrameSet:
     """Join all sets into one, for solvers that take long to start; a frame's id names its set.
 
     Parameters
     ----------
     sets : mapping of str to Path
         Folders by key.
+    told : mapping of str to SuppliedSizes
+        Standard deviations that the observations of a set state instead of their own, by key.
     """
     datasets = {key: open_dataset(folder) for key, folder in sets.items()}
     first = next(iter(datasets.values()))
-    together = hashlib.sha256("".join(one.truth_sha256 + one.scenario_sha256 for one in datasets.values()).encode())
+    identities = [one.truth_sha256 + one.scenario_sha256 + repr(told.get(key)) for key, one in datasets.items()]
+    together = hashlib.sha256("".join(identities).encode())
     frames = [
-        dataclasses.replace(frame, frame_id=f"{key}{SEPARATOR}{frame.frame_id}", index=index, record_path=record)
+        dataclasses.replace(
+            frame,
+            frame_id=f"{key}{SEPARATOR}{frame.frame_id}",
+            index=index,
+            record_path=record,
+            observation=_told(frame.observation, told.get(key)),
+        )
         for index, (key, frame, record) in enumerate(
             (key, frame, frame.record_path or frame.image_path.with_suffix(".json"))
             for key, dataset in datasets.items()
@@ -151,3 +162,9 @@ def joined_sets(sets: Mapping[str, Path]) -> FrameSet:
     ]
     joined = dataclasses.replace(first, frames=tuple(frames), truth_sha256=together.hexdigest())
     return ungraded(joined, "the frames of a study")
+
+
+def _told(seen: Observation, sizes: SuppliedSizes | None) -> Observation:
+    if sizes is None:
+        return seen
+    return dataclasses.replace(seen, tilt_sigma_deg=sizes.tilt_sigma_deg, pressure_sigma_hpa=sizes.pressure_sigma_hpa)

@@ -1,4 +1,4 @@
-"""Changes of the sky or of the lens, one thing at a time, of which solvers receive no information.
+"""Changes of the sky or of the lens, one thing at a time; solvers receive no information about them, or only their size.
 
 Displacements act on the apparent directions of the stars before they are imaged, so they do not depend on how the generator
 computes positions.
@@ -35,6 +35,14 @@ Displace = Callable[[FramePlan, F8, np.random.Generator], F8]
 """Maps directions (n, 3) of a plan's stars to directions (n, 3); called once per moment with the same random numbers."""
 
 
+@dataclass(frozen=True)
+class SuppliedSizes:
+    """Standard deviations that the observations of perturbed frames state, see `benchmark.protocol.Observation`."""
+
+    tilt_sigma_deg: float
+    pressure_sigma_hpa: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Perturbation:
     """One difference between the frames and what solvers assume.
@@ -49,6 +57,10 @@ class Perturbation:
         Displacement of the stars' directions.
     psf : mapping
         Keys of the scenario's ``camera.psf`` that replace its own.
+    told : SuppliedSizes, optional
+        What solvers receive about it; None for nothing.
+    rendered_as : str, optional
+        Key of the perturbation whose frames are used, None for its own: two that differ in what solvers receive share frames.
     """
 
     key: str
@@ -56,6 +68,13 @@ class Perturbation:
     source: str
     displace: Displace | None = None
     psf: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    told: SuppliedSizes | None = None
+    rendered_as: str | None = None
+
+    @property
+    def frames_key(self) -> str:
+        """Key of the frames, which names their folder and their random numbers."""
+        return self.rendered_as or self.key
 
 
 def turned(directions: F8, axis: F8, angle_rad: float) -> F8:
@@ -140,7 +159,23 @@ PERTURBATIONS = (
         _refraction,
     ),
     Perturbation(
+        "refraction-told",
+        "refraction +3 % and +5 arcsec, sizes supplied",
+        "the frames of the above; solvers receive standard deviations of 30 hPa and, for the vertical, of 5 arcsec",
+        _refraction,
+        told=SuppliedSizes(5.0 / 3600.0, 30.0),
+        rendered_as="refraction",
+    ),
+    Perturbation(
         "vertical", "vertical off by 0.01 deg", "1.1 km of position, whatever a solver does", _vertical
+    ),
+    Perturbation(
+        "vertical-told",
+        "vertical off by 0.01 deg, size supplied",
+        "the frames of the above; solvers receive a standard deviation of 0.01 deg / sqrt 2 about each axis",
+        _vertical,
+        told=SuppliedSizes(0.01 / math.sqrt(2.0)),
+        rendered_as="vertical",
     ),
     Perturbation(
         "rotation",

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 
@@ -24,7 +25,12 @@ from benchmark.studies.common.page_model import Cell, Number, Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.independence.effects import Change, Effect, effects_of
 from benchmark.studies.independence.frames import SEPARATOR, joined_sets, render_perturbed
-from benchmark.studies.independence.perturbations import PERTURBATIONS, UNPERTURBED, Perturbation
+from benchmark.studies.independence.perturbations import (
+    PERTURBATIONS,
+    UNPERTURBED,
+    Perturbation,
+    SuppliedSizes,
+)
 from generator.files import write_bytes
 from generator.scenario.file import load_scenario
 
@@ -90,10 +96,11 @@ def run_study(
     progress.begin("frames", n_frames * (1 + len(perturbations)))
     for perturbation in (None, *perturbations):
         key = UNPERTURBED if perturbation is None else perturbation.key
-        sets[key] = work / key
+        sets[key] = work / (UNPERTURBED if perturbation is None else perturbation.frames_key)
         render_perturbed(scenario, perturbation, n_frames, sets[key], progress.advance)
     progress.begin("solvers", len(sets) * n_frames * len(solvers))
-    found = answers_by_set(sets, solvers, work / "results", progress)
+    told = {perturbation.key: perturbation.told for perturbation in perturbations}
+    found = answers_by_set(sets, solvers, work / "results", progress, told)
     before = found.pop(UNPERTURBED)
     study = Study(n_frames, tuple(perturbations), effects_of(before, found), command)
     write_bytes(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
@@ -103,15 +110,19 @@ def run_study(
 
 
 def answers_by_set(
-    sets: Mapping[str, Path], solvers: Sequence[str], results: Path, progress: StudyProgress
+    sets: Mapping[str, Path],
+    solvers: Sequence[str],
+    results: Path,
+    progress: StudyProgress,
+    told: Mapping[str, SuppliedSizes | None] = MappingProxyType({}),
 ) -> dict[str, Mapping[str, pd.DataFrame]]:
-    """Run every solver once over all sets; returns tables of frames by set and solver."""
+    """Run every solver once over all sets, see `joined_sets`; returns tables of frames by set and solver."""
 
     def advance(solver: str, n_frames: int) -> None:
         for _ in range(n_frames):
             progress.advance()
 
-    runs = run(joined_sets(sets), list(solvers), results, progress=advance)
+    runs = run(joined_sets(sets, told), list(solvers), results, progress=advance)
     tables: dict[str, dict[str, pd.DataFrame]] = {key: {} for key in sets}
     for one in runs:
         table = read_frames(one.folder / FRAMES_NAME)

@@ -1,5 +1,6 @@
 """The study of independence: sizes of its displacements, its paired comparisons by hand, its page, and a refusal."""
 
+import json
 import math
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from benchmark.errors import ResultsError, TaskError
 from benchmark.report.marks import Mark
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.independence.effects import effects_of
-from benchmark.studies.independence.frames import displaced, perturbed_scenario
+from benchmark.studies.independence.frames import displaced, joined_sets, perturbed_scenario, render_perturbed
 from benchmark.studies.independence.perturbations import ARCSEC, PERTURBATIONS, raised, scattered, turned
 from benchmark.studies.independence.study import Study, effect_tables, overview, page, run_study, summary_lines
 from generator.frame.plan import plan_frame
@@ -164,3 +165,20 @@ def test_too_few_frames_are_refused(tmp_path):
             find_scenario(Path("independence_study")), 2, ["skybench"], tmp_path, tmp_path, "command",
             StudyProgress(lambda name, total: None, lambda: None),
         )  # fmt: skip
+
+
+def test_sizes_that_are_supplied_change_only_the_observations_of_the_same_frames(tmp_path):
+    for key in ("refraction", "vertical"):
+        assert BY_KEY[f"{key}-told"].frames_key == key
+        assert not BY_KEY[key].told
+    render_perturbed(SCENARIO, BY_KEY["refraction-told"], 1, tmp_path / "refraction")
+    record = json.loads(next((tmp_path / "refraction").rglob("*.json")).read_text())
+    assert record["scenario"]["name"] == f"{SCENARIO.name}-refraction"
+    sets = {"refraction": tmp_path / "refraction", "refraction-told": tmp_path / "refraction"}
+    joined = joined_sets(sets, {"refraction-told": BY_KEY["refraction-told"].told})
+    silent, told = joined.frames
+    assert silent.image_path == told.image_path
+    assert (silent.observation.pressure_sigma_hpa, silent.observation.tilt_sigma_deg) == (0.0, 0.0)
+    assert (told.observation.pressure_sigma_hpa, told.observation.tilt_sigma_deg) == (30.0, 5 / 3600)
+    assert told.observation.utc == silent.observation.utc
+    assert joined.facts.truth_sha256 != joined_sets(sets).facts.truth_sha256
