@@ -140,14 +140,15 @@ def calibration(
 
 @app.command(
     epilog="Example: skybench study realism nights/00[1356].fits.bz2 --calibrate-on nights/008.fits.bz2 "
-    "--scene observatory_allsky"
+    "--scene observatory_allsky; skybench study realism out/meteors --scene meteor --mask mask.bmp"
 )
 def realism(
     photographs: Annotated[
-        list[Path], typer.Argument(metavar="FITS…", help="Raw photographs of one fixed camera, with place and time.")
-    ],
-    calibrate_on: Annotated[
-        Path, typer.Option("--calibrate-on", metavar="FITS", help="Another one, that the camera is calibrated on.")
+        list[Path],
+        typer.Argument(
+            metavar="PHOTOGRAPHS…",
+            help="Raw FITS files of one fixed camera, with place and time; or a folder that `skybench import` wrote.",
+        ),
     ],
     scene: Annotated[
         Path,
@@ -155,6 +156,14 @@ def realism(
             "--scene", help="Scenario of the camera, as for `skybench twin`.", autocompletion=completion.scenarios
         ),
     ],
+    calibrate_on: Annotated[
+        Path | None,
+        typer.Option("--calibrate-on", metavar="FITS", help="Another FITS file, that the camera is calibrated on."),
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option("--mask", help="For a folder: picture (PNG, BMP) whose black pixels are not sky."),
+    ] = None,
     solver: Annotated[
         list[str] | None,
         typer.Option(
@@ -174,13 +183,16 @@ def realism(
 
     files = [path.name for path in photographs]
     command = shlex.join(
-        ["skybench", "study", "realism", *files, "--calibrate-on", calibrate_on.name, "--scene", str(scene)]
+        ["skybench", "study", "realism", *files]
+        + ([] if calibrate_on is None else ["--calibrate-on", calibrate_on.name])
+        + ["--scene", str(scene)]
+        + ([] if mask is None else ["--mask", mask.name])
         + [word for name in solver or () for word in ("--solver", name)]
     )
     with _one_line_for_bad_input(), _bars() as progress:
         names = _solvers(solver)
         study = run_study(
-            read_scene(find_scenario(scene)), photographs, calibrate_on, names, work, out, command, progress
+            read_scene(find_scenario(scene)), photographs, calibrate_on, names, work, out, command, progress, mask
         )
     found = study.agreement
     lines = (

@@ -72,13 +72,11 @@ def twin(
     In a folder that `skybench import` wrote, the records state place, time, lens and attitude; the scene has the sensor.
     The twins with their truth are a dataset in OUT/frames.
     """
-    from benchmark.photographed.view import not_sky_of
-    from benchmark.twin.render_twin import make_twin
+    from benchmark.twin.of_source import twin_of
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
     from benchmark.twin.scene import read_passing, read_scene
     from benchmark.twin.sources import check_names, sources_of
     from benchmark.twin.truth import FRAMES, TruthFolder
-    from benchmark.twin.video_twin import make_video_twin
     from generator.scenario.shipped import find_scenario
 
     try:
@@ -97,11 +95,7 @@ def twin(
         rows = []
         for source in sources:
             with working(f"{source.name}: twin"):
-                camera_scene, photograph = source.read(given)
-                hidden = None if mask is None else not_sky_of(mask, camera_scene.camera)
-                video = photograph.mean_of_video or camera_scene.spec.sensor.video is not None
-                make = make_video_twin if video else make_twin
-                made = make(camera_scene, photograph, out, not_sky=hidden, passing=trails.get(photograph.name, ()))
+                made = twin_of(given, source, out, mask, trails.get(source.name, ()))
             if not math.isfinite(made.alignment.rms_px):
                 whose = "scene's" if source.imported is None else "record's"
                 typer.echo(f"{source.name}: too few stars for an attitude; the twin has the {whose}", err=True)

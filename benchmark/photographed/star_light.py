@@ -15,6 +15,11 @@ APERTURE_PX = 3.5
 SKY_PX = (8.0, 13.5)
 """Radii of the ring whose median is the sky and whose scatter is the noise."""
 NORMAL_MAD = 1.4826
+COARSE_DN = 3.0
+"""Scatter below which the median absolute deviation, which moves in whole steps of the DN, is too coarse: 0 for most of an
+8-bit stack's rings of 0.6 DN."""
+CLIP = 4.0
+"""Largest deviation of pixels whose standard deviation is taken then, in units of the coarse scatter (of 1 DN at least)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +33,8 @@ class StarLight:
     flux : (n,) array
         Flux within the aperture, above the sky, DN.
     sky, noise : (n,) arrays
-        Median of the ring's pixels, and their standard deviation from the median absolute deviation, DN.
+        Median of the ring's pixels, and their standard deviation from the median absolute deviation, DN; where that is below
+        `COARSE_DN`, from the pixels without outliers.
     peak : (n,) array
         Value of the brightest pixel of the aperture, DN.
     nearest_share : (n,) array
@@ -75,7 +81,7 @@ def star_light(
     distance = np.hypot(du, dv)
     ring = np.where((distance >= SKY_PX[0]) & (distance <= SKY_PX[1]), square, np.nan)
     sky = np.nanmedian(ring, axis=(1, 2))
-    noise = NORMAL_MAD * np.nanmedian(np.abs(ring - sky[:, None, None]), axis=(1, 2))
+    noise = _scatter(ring - sky[:, None, None])
     light = np.where(distance <= aperture_px, square - sky[:, None, None], 0.0)
     flux, peak = light.sum(axis=(1, 2)), light.max(axis=(1, 2))
     weight = np.maximum(light, 0.0)
@@ -86,6 +92,17 @@ def star_light(
     found.peak[inside] = peak + sky
     found.nearest_share[inside] = peak / np.where(np.abs(flux) > 1e-9, flux, np.nan)
     return found
+
+
+def _scatter(deviations: Floats) -> Floats:
+    """Standard deviation, (n,), of the numbers in each of n squares that are not NaN, without outliers."""
+    away = np.abs(deviations)
+    scatter = NORMAL_MAD * np.nanmedian(away, axis=(1, 2))
+    coarse = scatter < COARSE_DN
+    if coarse.any():
+        near = away[coarse] <= CLIP * np.maximum(scatter[coarse], 1.0)[:, None, None]
+        scatter[coarse] = np.nanstd(np.where(near, deviations[coarse], np.nan), axis=(1, 2))
+    return np.asarray(scatter)
 
 
 def isolated(uv: Floats, v_mag: Floats, within_px: float = 8.0, fainter_mag: float = 2.5) -> NDArray[np.bool_]:

@@ -45,8 +45,12 @@ class Pairs:
         Measurements on each pair (`benchmark.twin.report.numbers_of_twin`), with the frame of the calibration last.
     likenesses : list of Likeness
         Similarities of the same pairs.
-    told : dict of str to ToldCamera
-        What solvers receive for each dataset.
+    real_indices : tuple of int
+        Index of each photograph in its dataset; twins are numbered in the order of the names.
+    n_real : int
+        Number of photographs in their dataset.
+    left_out : tuple of str
+        Photographs of the dataset without a twin.
     """
 
     names: tuple[str, ...]
@@ -54,7 +58,9 @@ class Pairs:
     twins: Path
     measures: list[dict[str, Any]]
     likenesses: list[Likeness]
-    told: dict[str, ToldCamera]
+    real_indices: tuple[int, ...]
+    n_real: int
+    left_out: tuple[str, ...] = ()
 
 
 def make_pairs(
@@ -96,14 +102,14 @@ def make_pairs(
         progress()
     first = read_photograph(photographs[0])
     place = Place(first.latitude_deg, first.longitude_deg, first.height_m)
-    told, folders = {}, {}
+    folders = {}
     for name, files in ((REAL, [*photographs, calibrated_on]), (TWINS, twins)):
-        told[name] = _calibrated(files[-1], place)
         folders[name] = work / name
-        import_photographs(Import(f"realism-{name}", files[:-1], place, told[name]), folders[name], True)
+        told = _calibrated(files[-1], place)
+        import_photographs(Import(f"realism-{name}", files[:-1], place, told), folders[name], True)
     names = tuple(read_photograph(path).name for path in photographs)
     alike = _likenesses(scene, [*photographs, calibrated_on], twins)
-    return Pairs(names, folders[REAL], folders[TWINS], measures, alike, told)
+    return Pairs(names, folders[REAL], folders[TWINS], measures, alike, tuple(range(len(names))), len(names))
 
 
 def _likenesses(scene: Scene, photographs: Sequence[Path], twins: Sequence[Path]) -> list[Likeness]:

@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,10 +28,12 @@ from benchmark.studies.common.page_model import Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import write_table
 from benchmark.studies.realism.agreement import Agreement, Outcomes, agreement_of, successes
+from benchmark.studies.realism.imported_pairs import imported_pairs
 from benchmark.studies.realism.likeness import Likeness
 from benchmark.studies.realism.pairs import Pairs, make_pairs
 from benchmark.studies.realism.star_tables import pairs_of, star_figures, star_tables
 from benchmark.twin.scene import Scene
+from benchmark.twin.sources import sources_of
 from generator.files import write_bytes
 
 FORMAT = "skybench-study/1"
@@ -47,7 +49,10 @@ class Study:
     ----------
     names : tuple of str
         Names of the photographs.
-    calibrated_on : str
+    calibrated_on : str or None
+        The photograph of the calibration; None where a dataset states the camera.
+    left_out : tuple of str
+        Photographs of the dataset that have no twin.
     outcomes : Outcomes
     agreement : Agreement
     tables : tuple of Table
@@ -57,24 +62,26 @@ class Study:
     """
 
     names: tuple[str, ...]
-    calibrated_on: str
+    calibrated_on: str | None
     outcomes: Outcomes
     agreement: Agreement
     tables: tuple[Table, ...]
     measures: Sequence[dict[str, Any]]
     command: str
     minutes: float
+    left_out: tuple[str, ...] = ()
 
 
 def run_study(
     scene: Scene,
     photographs: Sequence[Path],
-    calibrated_on: Path,
+    calibrated_on: Path | None,
     solvers: Sequence[str],
     work: Path,
     out: Path,
     command: str,
     progress: StudyProgress,
+    mask: Path | None = None,
 ) -> Study:
     """Run the study and write its results.
 
@@ -83,33 +90,30 @@ def run_study(
     scene : Scene
         Scene of the fixed camera.
     photographs : sequence of Path
-        FITS files on which solvers are judged.
-    calibrated_on : Path
-        The photograph on which the camera is calibrated.
+        FITS files on which solvers are judged; or one folder that `skybench import` wrote, whose records state the camera.
+    calibrated_on : Path or None
+        The photograph on which the camera of FITS files is calibrated; None for a folder.
     solvers : sequence of str
     work, out : Path
         Folders for frames and results.
     command : str
         Command to state on the page.
     progress : StudyProgress
+    mask : Path, optional
+        Picture whose dark pixels are not sky, for a folder.
 
     Raises
     ------
     BenchmarkError, GeneratorError
         The message says what to do about it.
     """
-    if len(photographs) < LEAST_PHOTOGRAPHS:
-        raise ResultsError(
-            f"{len(photographs)} photographs tell nothing of a ranking; give {LEAST_PHOTOGRAPHS} or more"
-        )
     start = time.monotonic()
-    progress.begin("twins", len(photographs) + 1)
-    pairs = make_pairs(scene, photographs, calibrated_on, work, progress.advance)
-    progress.begin("solvers", 2 * len(photographs) * len(solvers))
+    pairs = _pairs(scene, photographs, calibrated_on, work, progress, mask)
+    progress.begin("solvers", (pairs.n_real + len(pairs.names)) * len(solvers))
     outcomes = outcomes_of(pairs, solvers, work, progress)
     study = Study(
         names=pairs.names,
-        calibrated_on=calibrated_on.name,
+        calibrated_on=None if calibrated_on is None else calibrated_on.name,
         outcomes=outcomes,
         agreement=agreement_of(outcomes),
         tables=(
@@ -122,6 +126,7 @@ def run_study(
         measures=pairs.measures,
         command=command,
         minutes=(time.monotonic() - start) / 60,
+        left_out=pairs.left_out,
     )
     write_table(out / ROWS, _rows(study))
     write_bytes(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
@@ -130,12 +135,47 @@ def run_study(
     return study
 
 
+def _pairs(
+    scene: Scene,
+    photographs: Sequence[Path],
+    calibrated_on: Path | None,
+    work: Path,
+    progress: StudyProgress,
+    mask: Path | None,
+) -> Pairs:
+    """Pairs of FITS files or of a folder; ResultsError for too few, or for arguments of the other kind."""
+    folders = [path for path in photographs if path.is_dir()]
+    if folders:
+        if len(photographs) > 1:
+            raise ResultsError(f"{folders[0]}: is a folder of photographs; give it alone")
+        if calibrated_on is not None:
+            raise ResultsError(
+                f"--calibrate-on {calibrated_on}: the records of {folders[0]} state the camera; leave it out"
+            )
+        progress.begin("twins", len(sources_of(folders)))
+        pairs = imported_pairs(scene, folders[0], work, mask, progress.advance)
+        _check_enough(len(pairs.names))
+        return pairs
+    if calibrated_on is None:
+        raise ResultsError("FITS files need --calibrate-on FITS, another photograph that the camera is calibrated on")
+    if mask is not None:
+        raise ResultsError(f"--mask {mask}: is for a folder of photographs; for FITS files the scene's ground is used")
+    _check_enough(len(photographs))
+    progress.begin("twins", len(photographs) + 1)
+    return make_pairs(scene, photographs, calibrated_on, work, progress.advance)
+
+
+def _check_enough(count: int) -> None:
+    if count < LEAST_PHOTOGRAPHS:
+        raise ResultsError(f"{count} photographs tell nothing of a ranking; give {LEAST_PHOTOGRAPHS} or more")
+
+
 def outcomes_of(pairs: Pairs, solvers: Sequence[str], work: Path, progress: StudyProgress) -> Outcomes:
     """Run every solver on both sets."""
     found = []
-    for folder in (pairs.real, pairs.twins):
+    for folder, indices in ((pairs.real, pairs.real_indices), (pairs.twins, range(len(pairs.names)))):
         runs = run(folder, list(solvers), work / "results", progress=lambda solver, count: _advance(progress, count))
-        found.append(np.array([_errors_km(one, len(pairs.names)) for one in runs]))
+        found.append(np.array([_errors_km(one, indices) for one in runs]))
     return Outcomes(tuple(solvers), found[0], found[1])
 
 
@@ -144,11 +184,11 @@ def _advance(progress: StudyProgress, count: int) -> None:
         progress.advance()
 
 
-def _errors_km(one: SolverRun, count: int) -> list[float]:
-    """Errors of a run by frame; infinite without a fix."""
+def _errors_km(one: SolverRun, indices: Iterable[int]) -> list[float]:
+    """Errors of a run on some frames; infinite without a fix."""
     table = read_table(one.folder / FRAMES_NAME)
     by_index = dict(zip(table["index"].to_pylist(), table["error_km"].to_pylist(), strict=True))
-    return [math.inf if by_index[index] is None else by_index[index] for index in range(count)]
+    return [math.inf if by_index[index] is None else by_index[index] for index in indices]
 
 
 def solver_table(outcomes: Outcomes) -> Table:
@@ -292,6 +332,7 @@ def _numbers(study: Study) -> dict[str, object]:
         "minutes": round(study.minutes, 1),
         "photographs": list(study.names),
         "calibrated_on": study.calibrated_on,
+        "left_out": list(study.left_out),
         "agreement": plain(study.agreement),
         "measures": [plain(one) for one in study.measures],
         "revision": revision_today(REALISM_STUDY),

@@ -139,3 +139,18 @@ def test_what_tells_nothing_is_refused(tmp_path: Path) -> None:
         run_study(scene, [tmp_path / "a.fits"], tmp_path / "b.fits", ["skybench"], tmp_path, tmp_path, "", silent)
     with pytest.raises(PhotographError, match="judged too"):
         make_pairs(scene, [tmp_path / "a.fits"], tmp_path / "a.fits", tmp_path)
+    for photographs, calibrated_on, mask, words in (
+        ([tmp_path, tmp_path / "a.fits"], None, None, "give it alone"),
+        ([tmp_path], tmp_path / "b.fits", None, "the records of .* state the camera"),
+        ([tmp_path / "a.fits"], None, None, "need --calibrate-on FITS"),
+        ([tmp_path / "a.fits"], tmp_path / "b.fits", tmp_path / "m.png", "is for a folder"),
+    ):
+        with pytest.raises(ResultsError, match=words):
+            run_study(scene, photographs, calibrated_on, ["skybench"], tmp_path, tmp_path, "", silent, mask)
+
+
+def test_the_page_of_a_dataset_names_what_is_left_out() -> None:
+    study = Study(("a", "b"), None, OUTCOMES, agreement_of(OUTCOMES), (), [], "command", 1.0, left_out=("night_<7>",))
+    text = page(study, Mark("command", {"the study realism": "0" * 12}, {}), "")
+    assert "night_&lt;7&gt;" in text
+    assert "celnav calibrate" not in text

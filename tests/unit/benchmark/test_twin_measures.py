@@ -347,3 +347,15 @@ def test_a_photograph_without_light_of_the_sky_is_refused(cells: np.ndarray) -> 
         check_light("night.fits", cells)
     cells[2, 3] = 1.1 * LEAST_LIGHT_DN
     check_light("night.fits", cells)
+
+
+@pytest.mark.parametrize("sigma", [0.4, 0.6, 0.8, 1.2, 1.8, 2.5])
+def test_noise_of_a_few_grey_values_is_measured_though_pixels_are_whole_numbers(sigma: float) -> None:
+    """Rounding adds a variance of 1/12 (Sheppard); a bright neighbour in the ring is no noise."""
+    rng = np.random.default_rng(4)
+    image = np.rint(rng.normal(50.3, sigma, (400, 400)))
+    image[30::40, 30::40] = 255.0
+    u, v = np.meshgrid(np.arange(20.0, 380.0, 40.0), np.arange(20.0, 380.0, 40.0))
+    light = star_light(image, np.column_stack((u.ravel(), v.ravel())))
+    # 81 rings of 370 pixels: 0.4 % at one sigma; small sigmas are not normal any more, by 2 %.
+    assert np.mean(light.noise) == pytest.approx(np.hypot(sigma, 1 / np.sqrt(12)), rel=0.03)

@@ -19,7 +19,7 @@ from benchmark.importing.write import Import, import_photographs
 from benchmark.photographed.alignment import directions
 from benchmark.photographed.view import view_of
 from benchmark.place import Place
-from benchmark.twin import render_twin
+from benchmark.twin import of_source, render_twin
 from benchmark.twin.ground import check_fixed
 from benchmark.twin.scene import read_scene
 
@@ -132,7 +132,7 @@ def test_a_mask_hides_pixels_of_every_photograph(
         seen.append((photograph.name, given["not_sky"]))
         raise PhotographError("enough")
 
-    monkeypatch.setattr(render_twin, "make_twin", stopped)
+    monkeypatch.setattr(of_source, "make_twin", stopped)
     words = (imported, "--scene", scene, "--out", tmp_path / "out", "--mask", tmp_path / "mask.png")
     assert "enough" in run(*words).stderr
     ((name, hidden),) = seen
