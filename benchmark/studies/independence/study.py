@@ -206,6 +206,7 @@ def page(study: Study, mark: Mark, sentence: str) -> str:
         study=study,
         tables=[table for one in study.perturbations for table in effect_tables(study, one)],
         overview=overview(study),
+        told=any(one.told is not None for one in study.perturbations),
         machine=provenance.machine(),
         date=provenance.now_utc(),
         mark=mark,
@@ -214,13 +215,14 @@ def page(study: Study, mark: Mark, sentence: str) -> str:
 
 
 def overview(study: Study) -> Table:
-    """Ratio of errors of each solver under each perturbation; for the default solver also NEES and ellipses."""
+    """Success and ratio of errors of each solver under each perturbation of which it receives no information."""
+    silent = [one for one in study.perturbations if one.told is None]
     solvers = list(dict.fromkeys(effect.solver for effect in study.effects))
     by_key = {(effect.perturbation, effect.solver): effect for effect in study.effects}
     rows = []
     for solver in solvers:
         cells: list[Cell] = [solver]
-        for one in study.perturbations:
+        for one in silent:
             effect = by_key[(one.key, solver)]
             after, ratio = effect.success.after, effect.bound_ratio.change
             lines = (
@@ -231,4 +233,4 @@ def overview(study: Study) -> Table:
             cells.append(lines)
         rows.append(tuple(cells))
     return Table("Success after, and ratio of errors", "Geometric mean over the frames with a fix before and after.",
-                 ("solver", *(one.title for one in study.perturbations)), tuple(rows))  # fmt: skip
+                 ("solver", *(one.title for one in silent)), tuple(rows))  # fmt: skip

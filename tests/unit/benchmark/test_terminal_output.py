@@ -65,7 +65,7 @@ def test_the_list_is_readable_at_80_letters():
     shown = CliRunner().invoke(app, ["list"], env={"COLUMNS": "80"}).output
     lines = shown.splitlines()
     assert max(map(len, lines)) <= 80
-    assert len(lines) < 180  # eight columns made 640 of letters below each other
+    assert len(lines) < 240  # eight columns made 640 of letters below each other; solvers that are missing add lines
     for words in (*LONGEST_NAMES, "How much cloud a fisheye", "part of the sky that clouds", "10 km", "7 x 30"):
         assert words in shown
 
