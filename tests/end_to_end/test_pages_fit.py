@@ -15,6 +15,8 @@ PAGES = {
     "calibration": RESULTS / "studies" / "calibration" / "index.html",
     "thesis": RESULTS / "studies" / "thesis" / "index.html",
     "independence": RESULTS / "studies" / "independence" / "index.html",
+    "realism": RESULTS / "studies" / "realism" / "index.html",
+    "realism-meteor": RESULTS / "studies" / "realism-meteor" / "index.html",
 }
 SCREEN_PX, PHONE_PX = 1300, 400
 TITLES = {
@@ -25,6 +27,8 @@ TITLES = {
     "calibration": "Effects of calibration errors",
     "thesis": "replicated: skybench study",
     "independence": "What generator and solvers share",
+    "realism": "Photographs and their twins",
+    "realism-meteor": "Photographs and their twins",
 }
 # Tables by what they show; those with a column for each of many values may be wider than a telephone.
 SCROLLING = """
