@@ -7,6 +7,8 @@ from pathlib import Path
 
 WORDS = (b"latitude_deg", b"site", b"skybench-stars", b"scenario")
 MOST_FILES = 3000
+PUBLIC = ("benchmark", "generator", "celnav")
+"""Packages that a program of skybench's own interpreter is shown: they hold the scenarios of tasks, which anyone can read."""
 
 
 def readable(start):
@@ -15,6 +17,7 @@ def readable(start):
         for place, folders, files in os.walk(folder):
             if len(Path(place).relative_to(folder).parts) >= 3 or place in ("/proc", "/sys", "/usr"):
                 folders.clear()
+            folders[:] = [name for name in folders if name not in PUBLIC]
             yield from (Path(place, name) for name in files)
 
 
