@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 
 import celnav
 from benchmark.cli.app import app
+from benchmark.studies.realism import imported_pairs
+from benchmark.twin.sources import sources_of
 from generator.frame.render import render_frame
 from generator.scenario.file import parse_scenario
 
@@ -85,3 +87,9 @@ def test_a_folder_s_photographs_are_compared_with_their_twins(
     again = CliRunner().invoke(app, command.split())
     assert again.exit_code == 0, again.output
     assert (photographs / "work/frames/frame-00000.png").stat().st_mtime_ns == made
+    # Twins of which solvers would receive another camera than of the photographs are not.
+    aligned = sources_of([photographs / "meteor-real"])[:3]
+    assert imported_pairs._kept(photographs / "work", aligned) is not None
+    assert aligned[0].imported is not None
+    aligned[0].imported.record["told"]["tilt_sigma_deg"] = 2 * TILT_DEG
+    assert imported_pairs._kept(photographs / "work", aligned) is None

@@ -12,8 +12,9 @@ import numpy as np
 
 from benchmark.errors import PhotographError
 from benchmark.frames.dataset import load_image, open_dataset
-from benchmark.studies.realism.likeness import Likeness, likenesses
-from benchmark.studies.realism.pairs import Pairs
+from benchmark.frames.record_values import read_record
+from benchmark.studies.realism.likeness import Likeness
+from benchmark.studies.realism.pairs import Pairs, likenesses_in_circle
 from benchmark.twin.imported import read_imported
 from benchmark.twin.of_source import twin_of
 from benchmark.twin.report import NUMBERS, numbers_of_twin, write_report
@@ -61,7 +62,12 @@ def imported_pairs(
         raise PhotographError(
             f"{folder}: the stars of no photograph gave an attitude; import them with a better --camera"
         )
-    measures = _kept(work, chosen) or _made(scene, chosen, work, mask, progress)
+    measures = _kept(work, chosen)
+    # The bar counts all photographs, those that need no twin too.
+    for _ in range(len(sources) - (len(chosen) if measures is None else 0)):
+        progress()
+    if measures is None:
+        measures = _made(scene, chosen, work, mask, progress)
     return Pairs(
         names=tuple(source.name for source in chosen),
         # A relative path may be the name of a task, which `run` would take it for.
@@ -82,13 +88,16 @@ def _is_aligned(source: Source) -> bool:
 
 
 def _kept(work: Path, sources: list[Source]) -> list[dict[str, Any]] | None:
-    """Measurements of an earlier run over the same photographs; None without."""
+    """Measurements of an earlier run over the same photographs with the same camera; None without."""
     numbers = work / NUMBERS
     if not numbers.is_file() or not (work / FRAMES).is_dir():
         return None
     found: list[dict[str, Any]] = json.loads(numbers.read_text(encoding="utf-8"))["twins"]
-    same = [one["photograph"] for one in found] == [source.name for source in sources]
-    return found if same and len(open_dataset(work / FRAMES).frames) == len(found) else None
+    records = [read_record(frame.image_path.with_suffix(".json")) for frame in open_dataset(work / FRAMES).frames]
+    # Solvers receive for a twin what they receive for its photograph: one of another calibration is made again.
+    made = [(record["twin"]["photograph"], record.get("told")) for record in records]
+    wanted = [(source.name, source.imported.record.get("told")) for source in sources if source.imported is not None]
+    return found if made == wanted and [name for name, _ in made] == [one["photograph"] for one in found] else None
 
 
 def _made(
@@ -105,13 +114,9 @@ def _made(
 
 
 def _likenesses(scene: Scene, sources: list[Source], twins: Path) -> list[Likeness]:
-    """Compare the pictures within the image circle of the first photograph, or the largest circle in the frame."""
+    """Compare the pictures within the image circle of the first photograph's camera, which is that of all."""
     read = [source.read(scene) for source in sources]
     own, first = read[0]
-    camera = own.camera
-    circle_px = own.spec.camera.image_circle_px or min(camera.width, camera.height) / 2
     dark_dn = own.spec.sensor.black_level_dn * (stack_dn(own, first.name) if first.mean_of_video else 1.0)
     made = [load_image(frame).astype(np.float32) for frame in open_dataset(twins).frames]
-    return likenesses(
-        [photograph.pixels for _, photograph in read], made, dark_dn, (camera.cx_px, camera.cy_px), circle_px
-    )
+    return likenesses_in_circle(own, [photograph.pixels for _, photograph in read], made, dark_dn)

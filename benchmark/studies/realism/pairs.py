@@ -27,6 +27,8 @@ from benchmark.twin.scene import Scene
 from celnav.command.calibration_frames import read_frames
 from generator.files import atomic_path, write_bytes
 
+Floats = np.ndarray[Any, np.dtype[np.float32]]
+
 REAL, TWINS = "real", "twins"
 """Names of the two datasets."""
 
@@ -108,17 +110,19 @@ def make_pairs(
         told = _calibrated(files[-1], place)
         import_photographs(Import(f"realism-{name}", files[:-1], place, told), folders[name], True)
     names = tuple(read_photograph(path).name for path in photographs)
-    alike = _likenesses(scene, [*photographs, calibrated_on], twins)
+    real = [read_photograph(path).pixels for path in (*photographs, calibrated_on)]
+    alike = likenesses_in_circle(scene, real, [_read_fits(path) for path in twins], scene.spec.sensor.black_level_dn)
     return Pairs(names, folders[REAL], folders[TWINS], measures, alike, tuple(range(len(names))), len(names))
 
 
-def _likenesses(scene: Scene, photographs: Sequence[Path], twins: Sequence[Path]) -> list[Likeness]:
-    """Compare the pictures within the image circle of the scene's camera, or the largest circle in the frame."""
+def likenesses_in_circle(
+    scene: Scene, real: Sequence[Floats], made: Sequence[Floats], dark_dn: float
+) -> list[Likeness]:
+    """Compare pictures, DN, within the image circle of the scene's camera, or the largest circle in the frame."""
     camera = scene.spec.camera
     middle = camera.projection
     circle_px = camera.image_circle_px or min(camera.width, camera.height) / 2
-    real, made = [read_photograph(path).pixels for path in photographs], [_read_fits(path) for path in twins]
-    return likenesses(real, made, scene.spec.sensor.black_level_dn, (middle.cx_px, middle.cy_px), circle_px)
+    return likenesses(real, made, dark_dn, (middle.cx_px, middle.cy_px), circle_px)
 
 
 def _calibrated(path: Path, place: Place) -> ToldCamera:
@@ -163,7 +167,7 @@ def _write_fits(path: Path, photograph: Photograph, pixels: np.ndarray[Any, np.d
         unit.writeto(temporary, overwrite=True)
 
 
-def _read_fits(path: Path) -> np.ndarray[Any, np.dtype[np.float32]]:
+def _read_fits(path: Path) -> Floats:
     """Pixels of a twin."""
     from astropy.io import fits
 
