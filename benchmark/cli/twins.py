@@ -56,7 +56,11 @@ def twin(
     ] = None,
     mask: Annotated[
         Path | None,
-        typer.Option("--mask", help="Picture of the photographs' size (PNG, BMP): what is black is not sky."),
+        typer.Option(
+            "--mask",
+            help="Picture of the photographs' size (PNG, BMP): black is not sky, and is ground in the twins of a scene that "
+            "has no landscape.",
+        ),
     ] = None,
     passing: Annotated[
         Path | None,
@@ -131,12 +135,9 @@ def _check_alone(ground: Path, others: dict[str, Path | None]) -> None:
 
 
 def _write_ground(sources: list[Source], given: Scene, target: Path) -> None:
-    import io
-
-    from PIL import Image
-
     from benchmark.photographed.view import dark_plane, view_of
     from benchmark.twin.ground import check_fixed, ground_mask, ground_reflectance, landscape_picture
+    from benchmark.twin.scene import png_bytes
     from benchmark.twin.video_twin import stack_dn
     from generator.files import write_bytes
 
@@ -159,6 +160,4 @@ def _write_ground(sources: list[Source], given: Scene, target: Path) -> None:
         picture = landscape_picture(mask, ground_reflectance(frames, view, mask), camera, fixed.spec.R_cam)
     if not mask.any():
         typer.echo("no ground is found: the picture is empty; --mask names a picture of what is not sky", err=True)
-    stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, format="PNG", optimize=True)
-    write_bytes(target, stream.getvalue())
+    write_bytes(target, png_bytes(picture))

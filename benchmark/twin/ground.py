@@ -43,6 +43,10 @@ DARKEST, BRIGHTEST = 0.03, 0.95
 """Diffuse reflectances, from dark needles to white paint."""
 DARK_SHARE = 0.05
 """Fraction of the ground that has the first of them."""
+MASKED_PX = 2048
+"""Side of the picture of a mask, whose pixels are finer: 11 per degree."""
+MASKED = 0.15
+"""Reflectance of what a mask hides: that of land, vegetation and roofs included (docs/physics.md)."""
 UNSEEN = 0.07
 """Reflectance of ground that no photograph shows."""
 MOST_MOVED_DEG = 1.0
@@ -119,16 +123,21 @@ def ground_reflectance(frames: Sequence[NDArray[np.floating]], view: View, groun
     return found
 
 
+def masked_picture(not_sky: Mask, camera: Camera, R_cam: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """What a mask (height, width) hides, as a landscape's picture of one reflectance."""
+    return landscape_picture(not_sky, np.full(not_sky.shape, MASKED, dtype=np.float32), camera, R_cam, MASKED_PX)
+
+
 def landscape_picture(
-    ground: Mask, reflectance: Singles, camera: Camera, R_cam: NDArray[np.float64]
+    ground: Mask, reflectance: Singles, camera: Camera, R_cam: NDArray[np.float64], side_px: int = PICTURE_PX
 ) -> NDArray[np.uint8]:
-    """The ground as a fisheye picture, (1024, 1024, 4) sRGB and alpha: north at the top, east on the left, 180 deg across.
+    """The ground as a fisheye picture, (side, side, 4) sRGB and alpha: north at the top, east on the left, 180 deg across.
 
     White represents a reflectance of 1.
     """
-    middle = (PICTURE_PX - 1) / 2
-    v, u = np.mgrid[0:PICTURE_PX, 0:PICTURE_PX]
-    zenith_distance = np.radians(np.hypot(u - middle, v - middle) / (PICTURE_PX / 2) * 90)
+    middle = (side_px - 1) / 2
+    v, u = np.mgrid[0:side_px, 0:side_px]
+    zenith_distance = np.radians(np.hypot(u - middle, v - middle) / (side_px / 2) * 90)
     azimuth = np.arctan2(-(u - middle), -(v - middle))
     level = np.sin(zenith_distance)
     enu = np.stack((np.sin(azimuth) * level, np.cos(azimuth) * level, np.cos(zenith_distance)), axis=-1).reshape(-1, 3)
@@ -137,11 +146,11 @@ def landscape_picture(
     pixel = np.rint(np.where(known[:, None], at, -1)).astype(np.int64)
     height, width = ground.shape
     known &= ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
-    picture = np.zeros((PICTURE_PX**2, 4), dtype=np.uint8)
+    picture = np.zeros((side_px**2, 4), dtype=np.uint8)
     picture[:, :3] = _srgb(np.array(UNSEEN))
     picture[known, :3] = _srgb(reflectance[pixel[known, 1], pixel[known, 0]])[:, None]
     picture[known, 3] = 255 * ground[pixel[known, 1], pixel[known, 0]]
-    return picture.reshape(PICTURE_PX, PICTURE_PX, 4)
+    return picture.reshape(side_px, side_px, 4)
 
 
 def _srgb(linear: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -19,7 +19,7 @@ from benchmark.photographed.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.cloud_draw import SNR_IN_ORDER, choose_draw, cloud_of
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import fit_focus, focused_psf
-from benchmark.twin.ground import widened
+from benchmark.twin.ground import masked_picture, widened
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
 from benchmark.twin.twin import Twin
@@ -82,7 +82,8 @@ def make_twin(
 ) -> Twin:
     """Make the twin of a photograph and compare the two; its scenario and the files that it names are written to `folder`.
 
-    Pixels of `not_sky` (height, width) are left out. `passing` are trails that the twin also has; nothing is fitted to them.
+    Pixels of `not_sky` (height, width) are left out, and are dark ground in the twin of a scene without landscape.
+    `passing` are trails that the twin also has; nothing is fitted to them.
     """
     camera, circle_px = scene.camera, scene.spec.camera.image_circle_px
     black_dn = float(scene.spec.sensor.black_level_dn)
@@ -194,8 +195,9 @@ def make_twin(
     if weather.focus_factor is not None:
         tree["camera"] = tree["camera"] | focused_psf(scene.spec.camera, weather.focus_factor)
     tree = with_passing(tree, passing)
-    path = write_twin(scene, tree, folder)
-    frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
+    hidden = None if not_sky is None or scene.landscape else masked_picture(not_sky, camera, alignment.R_cam)
+    path, scenario = write_twin(scene, tree, folder, hidden)
+    frame = render_frame(scenario, 0, channels=False)
     stars = stars_to_compare(frame.stars, camera)
     compared = sky & ~widened(ground_of(frame.expected, photograph.pixels.shape), EDGE_PX)
     measured = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pydantic
 import yaml
 from numpy.typing import NDArray
+from PIL import Image
 
 from benchmark.errors import PhotographError
 from benchmark.twin.photograph import Photograph
@@ -89,6 +91,11 @@ class Scene:
     def cities(self) -> bool:
         """Whether the scene names its own cities."""
         return bool((self.tree.get("sky") or {}).get("cities"))
+
+    @property
+    def landscape(self) -> bool:
+        """Whether the scene has a landscape of its own."""
+        return bool((self.tree.get("foreground") or {}).get("landscape"))
 
 
 def read_scene(path: Path) -> Scene:
@@ -175,13 +182,30 @@ def twin_scenario(scene: Scene, tree: dict[str, Any]) -> Scenario:
     return parse_scenario(_text(tree), str(scene.path.with_name(f"{tree['name']}.yaml")))
 
 
-def write_twin(scene: Scene, tree: dict[str, Any], folder: Path) -> Path:
-    """Write a twin's scenario and the files that it names into a folder; return its path."""
+def write_twin(
+    scene: Scene, tree: dict[str, Any], folder: Path, ground: NDArray[np.uint8] | None = None
+) -> tuple[Path, Scenario]:
+    """Write a twin's scenario and the files that it names into a folder; return its path and the scenario.
+
+    `ground` is a landscape of its own (rows, columns, 4) as a fisheye picture.
+    """
     path = folder / f"{tree['name']}.yaml"
     for file in scene.scenario.files:
         write_bytes(folder / file.path, Path(file.location).read_bytes())
+    if ground is not None:
+        picture = folder / f"{tree['name']}-ground.png"
+        write_bytes(picture, png_bytes(ground))
+        landscape = {"file": picture.name, "projection": "fisheye"}
+        tree = tree | {"foreground": tree["foreground"] | {"landscape": landscape}}
     write_bytes(path, _text(tree).encode())
-    return path
+    return path, load_scenario(path)
+
+
+def png_bytes(picture: NDArray[np.uint8]) -> bytes:
+    """A picture (rows, columns, 4) as a PNG file."""
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, format="PNG", optimize=True)
+    return stream.getvalue()
 
 
 def _text(tree: dict[str, Any]) -> str:

@@ -41,7 +41,7 @@ class VideoWeather:
 
     def over(self, tree: dict[str, Any]) -> dict[str, Any]:
         """A scenario's tree with these numbers."""
-        sky = {key: value for key, value in (tree.get("sky") or {}).items() if key not in ("bortle", "cities")}
+        sky = {key: value for key, value in (tree.get("sky") or {}).items() if key != "bortle"}
         sky["zenith_mag_arcsec2"] = round(self.zenith_mag_arcsec2, 4)
         gain = round(self.gain_e_per_dn / self.gain_factor, 6)
         sensor = {"gain_e_per_dn": gain, "black_level_dn": self.black_level_dn}

@@ -15,6 +15,7 @@ from benchmark.photographed.alignment import align, directions
 from benchmark.photographed.star_light import isolated, star_light
 from benchmark.photographed.view import on_mask, view_of
 from benchmark.twin.comparison import measure
+from benchmark.twin.ground import masked_picture
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.render_twin import FIT_MAG, ground_of, stars_of, stars_to_compare
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
@@ -118,8 +119,9 @@ def make_video_twin(
 
     say("rendering")
     tree = with_passing(twin_tree(scene, photograph, alignment.R_cam, weather), passing)
-    path = write_twin(scene, tree, folder)
-    frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
+    hidden = None if not_sky is None or scene.landscape else masked_picture(not_sky, camera, alignment.R_cam)
+    path, scenario = write_twin(scene, tree, folder, hidden)
+    frame = render_frame(scenario, 0, channels=False)
     stack, made_stack = photograph.stack, read_stack(frame.attached[STACK_SUFFIX], path.name)
     stars = stars_to_compare(frame.stars, camera)
     black = np.full((height, width), black_dn, dtype=np.float32)

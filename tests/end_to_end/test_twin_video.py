@@ -19,7 +19,9 @@ from benchmark.twin.photograph import read_photograph
 from benchmark.twin.stacked_video import read_stack, start_of
 from benchmark.twin.video_twin import black_level
 from celnav.camera import Camera
+from generator.frame.plan import plan_frame
 from generator.frame.render import render_frame
+from generator.frame.scene import render_expected
 from generator.scenario.file import load_scenario, parse_scenario
 
 SCENE = {
@@ -99,6 +101,28 @@ def test_a_mask_leaves_out_what_is_black(folder: Path) -> None:
         not_sky_of(folder / "text.png", camera)
     with pytest.raises(PhotographError, match="has 480 x 320 pixels, the camera 640 x 480"):
         not_sky_of(folder / "mask.png", Camera("pinhole", 640, 480, f_px=330.0))
+
+
+def test_what_a_mask_hides_is_dark_ground_in_the_twin(folder: Path) -> None:
+    """A surface of reflectance 0.15 that stands under half of an even sky has 0.075 of its radiance (Lambert's law)."""
+    white = np.full((320, 480), 255, np.uint8)
+    white[290:310, 430:454] = 0  # too few to measure the black level, as the photograph has sky here
+    Image.fromarray(white).save(folder / "corner.png")
+    arguments = ["twin", str(folder / NAME), "--scene", str(folder / "station.yaml"), "--out", str(folder / "masked")]
+    run = CliRunner().invoke(app, [*arguments, "--mask", str(folder / "corner.png"), "--json"])
+    assert run.exit_code == 0, run.output
+    (twin,) = json.loads(run.stdout)["twins"]
+    assert twin["weather"]["zenith_mag_arcsec2"] == pytest.approx(20.8, abs=0.1)
+    scenario = load_scenario(folder / "masked" / f"twin-{twin['photograph']}.yaml")
+    assert (folder / "masked" / f"twin-{twin['photograph']}-ground.png").is_file()
+    expected = render_expected(plan_frame(scenario, 0), False, False)
+    inside, outside = expected.electrons[294:306, 434:450], expected.electrons[294:306, 380:420]
+    assert np.median(inside) / np.median(outside) == pytest.approx(0.075, abs=0.05)
+    # The picture has 11 pixels per degree, the camera 6.
+    hidden = white == 0
+    assert expected.cover is not None
+    assert (expected.cover > 0.5)[hidden].mean() > 0.9
+    assert (expected.cover > 0.5)[~hidden].mean() < 0.001
 
 
 def test_names_of_stacks_state_their_start() -> None:
