@@ -45,8 +45,11 @@ DARK_SHARE = 0.05
 """Fraction of the ground that has the first of them."""
 MASKED_PX = 2048
 """Side of the picture of a mask, whose pixels are finer: 11 per degree."""
-MASKED = 0.15
-"""Reflectance of what a mask hides: that of land, vegetation and roofs included (docs/physics.md)."""
+DARK_PART = 0.15
+"""Light of dark trees and walls relative to the sky's: 0.08 to 0.25 on an all-sky camera's photographs; with this value a
+meteor camera keeps its black level in April 2023."""
+MASKED = 2 * DARK_PART
+"""Reflectance of what a mask hides, as if it were a wall, which is lit by half of the sky."""
 UNSEEN = 0.07
 """Reflectance of ground that no photograph shows."""
 MOST_MOVED_DEG = 1.0

@@ -15,7 +15,7 @@ from benchmark.photographed.alignment import align, directions
 from benchmark.photographed.star_light import isolated, star_light
 from benchmark.photographed.view import on_mask, view_of
 from benchmark.twin.comparison import measure
-from benchmark.twin.ground import masked_picture
+from benchmark.twin.ground import DARK_PART, masked_picture
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.render_twin import FIT_MAG, ground_of, stars_of, stars_to_compare
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
@@ -38,9 +38,8 @@ BRIGHTEST_MAG, DARKEST_MAG = 16.5, 22.5
 LEAST_STARS = 8
 HIGHEST_8_BIT = 255.0
 QUANTILES = (0.1, 0.5, 0.9)
-DARK_SHARE, DARK_PART, LEAST_DARK_PX = 0.01, 0.15, 500
-"""Fraction of a mask's pixels, the darkest, that determine the black level, and the light of such trees and walls relative to
-the sky's: 0.08 to 0.25 on an all-sky camera's photographs; with this value the camera keeps its black level in April 2023."""
+DARK_SHARE, LEAST_DARK_PX = 0.01, 500
+"""Fraction of a mask's pixels, the darkest, that determine the black level, and the fewest pixels that do."""
 LEAST_CHANGE_8_BIT = 3.0
 """Least change of the black level; smaller ones are uncertain, because the light of the ground is from other pictures."""
 
