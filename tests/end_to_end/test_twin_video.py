@@ -104,7 +104,7 @@ def test_a_mask_leaves_out_what_is_black(folder: Path) -> None:
 
 
 def test_what_a_mask_hides_is_dark_ground_in_the_twin(folder: Path) -> None:
-    """It has 0.15 of the sky's light: a reflectance of 0.3 under half of an even sky (Lambert's law)."""
+    """A reflectance of 0.3 that faces the camera from 27 deg up sees (1 - sin 27 deg) / 2 of the sky (Lambert's law)."""
     white = np.full((320, 480), 255, np.uint8)
     white[290:310, 430:454] = 0  # too few to measure the black level, as the photograph has sky here
     Image.fromarray(white).save(folder / "corner.png")
@@ -117,7 +117,7 @@ def test_what_a_mask_hides_is_dark_ground_in_the_twin(folder: Path) -> None:
     assert (folder / "masked" / f"twin-{twin['photograph']}-ground.png").is_file()
     expected = render_expected(plan_frame(scenario, 0), False, False)
     inside, outside = expected.electrons[294:306, 434:450], expected.electrons[294:306, 380:420]
-    assert np.median(inside) / np.median(outside) == pytest.approx(0.15, abs=0.05)
+    assert np.median(inside) / np.median(outside) == pytest.approx(0.3 * (1 - np.sin(np.radians(27))) / 2, rel=0.15)
     # The picture has 11 pixels per degree, the camera 6.
     hidden = white == 0
     assert expected.cover is not None
