@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, binary_dilation, gaussian_filter, label, median, minimum
+from scipy.ndimage import binary_closing, binary_dilation, find_objects, gaussian_filter, label, median, minimum
 
 from benchmark.errors import PhotographError
 from benchmark.photographed.view import View
@@ -43,6 +43,8 @@ DARKEST, BRIGHTEST = 0.03, 0.95
 """Diffuse reflectances, from dark needles to white paint."""
 DARK_SHARE = 0.05
 """Fraction of the ground that has the first of them."""
+BESIDE_PX = 15
+"""Width of the sky with which an area of a mask is compared."""
 MASKED_PX = 2048
 """Side of the picture of a mask, whose pixels are finer: 11 per degree."""
 DARK_PART = 0.15
@@ -126,9 +128,23 @@ def ground_reflectance(frames: Sequence[NDArray[np.floating]], view: View, groun
     return found
 
 
-def masked_picture(not_sky: Mask, camera: Camera, R_cam: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """What a mask (height, width) hides, as a landscape's picture of one reflectance."""
-    return landscape_picture(not_sky, np.full(not_sky.shape, MASKED, dtype=np.float32), camera, R_cam, MASKED_PX)
+def masked_picture(
+    pixels: NDArray[np.floating], black: float, not_sky: Mask, camera: Camera, R_cam: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    """What a mask (height, width) hides, as a landscape's picture of one reflectance.
+
+    Areas that a photograph shows as bright as the sky beside them are not ground, because masks also hide what shines or
+    moves. `black` is the photograph's DN without light.
+    """
+    areas, _ = label(not_sky)
+    ground = np.zeros(not_sky.shape, dtype=bool)
+    for number, place in enumerate(find_objects(areas), start=1):
+        rows, columns = (slice(max(side.start - BESIDE_PX, 0), side.stop + BESIDE_PX) for side in place)
+        area, light = areas[rows, columns] == number, pixels[rows, columns] - black
+        beside = binary_dilation(area, iterations=BESIDE_PX) & ~not_sky[rows, columns]
+        if not beside.any() or np.median(light[area]) < AREA_PART * np.median(light[beside]):
+            ground[rows, columns] |= area
+    return landscape_picture(ground, np.full(ground.shape, MASKED, dtype=np.float32), camera, R_cam, MASKED_PX)
 
 
 def landscape_picture(

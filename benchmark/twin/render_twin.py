@@ -82,7 +82,7 @@ def make_twin(
 ) -> Twin:
     """Make the twin of a photograph and compare the two; its scenario and the files that it names are written to `folder`.
 
-    Pixels of `not_sky` (height, width) are left out, and are dark ground in the twin of a scene without landscape.
+    Pixels of `not_sky` (height, width) are left out; those that are dark are ground in the twin of a scene without landscape.
     `passing` are trails that the twin also has; nothing is fitted to them.
     """
     camera, circle_px = scene.camera, scene.spec.camera.image_circle_px
@@ -195,7 +195,9 @@ def make_twin(
     if weather.focus_factor is not None:
         tree["camera"] = tree["camera"] | focused_psf(scene.spec.camera, weather.focus_factor)
     tree = with_passing(tree, passing)
-    hidden = None if not_sky is None or scene.landscape else masked_picture(not_sky, camera, alignment.R_cam)
+    hidden = None
+    if not_sky is not None and not scene.landscape:
+        hidden = masked_picture(photograph.pixels, black_dn, not_sky, camera, alignment.R_cam)
     path, scenario = write_twin(scene, tree, folder, hidden)
     frame = render_frame(scenario, 0, channels=False)
     stars = stars_to_compare(frame.stars, camera)

@@ -118,7 +118,9 @@ def make_video_twin(
 
     say("rendering")
     tree = with_passing(twin_tree(scene, photograph, alignment.R_cam, weather), passing)
-    hidden = None if not_sky is None or scene.landscape else masked_picture(not_sky, camera, alignment.R_cam)
+    hidden = None
+    if not_sky is not None and not scene.landscape:
+        hidden = masked_picture(photograph.pixels, black_dn, not_sky, camera, alignment.R_cam)
     path, scenario = write_twin(scene, tree, folder, hidden)
     frame = render_frame(scenario, 0, channels=False)
     stack, made_stack = photograph.stack, read_stack(frame.attached[STACK_SUFFIX], path.name)
