@@ -58,8 +58,8 @@ def twin(
         Path | None,
         typer.Option(
             "--mask",
-            help="Picture of the photographs' size (PNG, BMP): black is not sky, and is ground in the twins of a scene that "
-            "has no landscape.",
+            help="Picture of the photographs' size (PNG, BMP): black is not sky; where it is dark on the photograph, the "
+            "twin has ground, unless the scene has a landscape.",
         ),
     ] = None,
     passing: Annotated[
