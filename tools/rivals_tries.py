@@ -1,9 +1,8 @@
 """Try settings of the peers' detectors on the dev split: python tools/rivals_tries.py [--frames 12] [--solver tetra3rs].
 
-Each peer has five tries, ruststartracker and seiza have eight; the first uses the library's defaults. Prints a Markdown
-table: frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were chosen. Needs the
-extra `peers`, ruststartracker and the environments of cedar-solve and seiza, whose programs are tried as copies with other
-settings.
+Each peer has five tries; ruststartracker, seiza and astrometry-net have eight. The first uses the library's defaults. Prints a
+Markdown table: frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were chosen. Needs
+the extra `peers`, and what `make rivals` installs. Solvers that are programs are tried as copies with other settings.
 """
 
 from __future__ import annotations
@@ -75,6 +74,8 @@ TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
 
 _GUIDE = {"bg_sub_mode": "local_median", "sigma_mode": "local_median_abs", "filtsize": 15}
 """What cedar-solve's own documentation calls the best extraction, though slow."""
+_FITS = ["--no-plots", "--overwrite", "--no-tweak", "--parity", "pos", "--crpix-center"]
+_BRIGHTEST = ["--objs", "100", "--depth", "30,60,100"]
 _TO_7_6 = {"FAINTEST_MAG": 7.6, "DETECTION": {}}
 PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "cedar-solve": {
@@ -84,6 +85,21 @@ PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         "global median deviation, 4 sigma": {"EXTRACTION": {"sigma_mode": "global_median_abs", "sigma": 4}},
         "global median deviation, 4 sigma, blobs of 3 px": {
             "EXTRACTION": {"sigma_mode": "global_median_abs", "sigma": 4, "binary_open": False, "min_area": 3}
+        },
+    },
+    "astrometry-net": {
+        "its own numbers of detections": {"SETTINGS": _FITS},
+        "100 detections": {"SETTINGS": [*_FITS, *_BRIGHTEST]},
+        "100 detections, quads to 0.02": {"SETTINGS": [*_FITS, *_BRIGHTEST, "--code-tolerance", "0.02"]},
+        "100 detections, quads to 0.03, stars to 2 px": {
+            "SETTINGS": [*_FITS, *_BRIGHTEST, "--code-tolerance", "0.03", "--pixel-error", "2"]
+        },
+        "100 detections from 5 sigma": {"SETTINGS": [*_FITS, *_BRIGHTEST, "--nsigma", "5"]},
+        "100 detections, image halved": {"SETTINGS": [*_FITS, *_BRIGHTEST, "--downsample", "2"]},
+        "100 detections, middle 20 deg": {"SETTINGS": [*_FITS, *_BRIGHTEST], "WIDEST_DEG": 20.0},
+        "100 detections, middle 45 deg, quads to 0.02": {
+            "SETTINGS": [*_FITS, *_BRIGHTEST, "--code-tolerance", "0.02"],
+            "WIDEST_DEG": 45.0,
         },
     },
     "seiza": {
@@ -103,11 +119,11 @@ CATALOGUE = Path("celnav/data/ybsc")
 Asks = Callable[[Frame], Response]
 
 
-def change(path: Path, line: str, by: str) -> None:
-    """Replace the one line of a file that has this text."""
-    text, changed = re.subn(line, by, path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+def change(path: Path, pattern: str, by: str) -> None:
+    """Replace the one place of a file that a regular expression matches."""
+    text, changed = re.subn(pattern, by, path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     if changed != 1:
-        raise SystemExit(f"{path.name}: {changed} lines are {line!r}; mend tools/rivals_tries.py")
+        raise SystemExit(f"{path.name}: {changed} places match {pattern!r}; mend tools/rivals_tries.py")
     path.write_text(text, encoding="utf-8")
 
 
@@ -124,7 +140,7 @@ def asking(name: str, words: str) -> Iterator[Asks]:
         shutil.copytree(folder, copy)
         shutil.copytree(folder.parents[2] / CATALOGUE, Path(root) / CATALOGUE)
         for constant, value in PROGRAMS[name][words].items():
-            change(copy / "program.py", rf"^({constant}\b.*?) = .*$", rf"\g<1> = {value!r}")
+            change(copy / "program.py", rf"^({constant}\b.*?) = (\[\n( .*\n)*\]|.*)$", rf"\g<1> = {value!r}")
         change(copy / "solver.yaml", r"^focal_retries: true$", "focal_retries: false")
         session = contestant_of(copy).make_session(1)
         try:

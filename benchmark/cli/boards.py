@@ -188,15 +188,16 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
             f"{escape(place.task)}\n{escape(place.solver)}{shared}",
             escape(job.why),
             f"{job.n_frames - job.n_as_before} of {job.n_frames}",
-            duration(job.seconds / request.jobs),
+            "unknown" if job.seconds is None else duration(job.seconds / request.jobs),
         )
     if found.jobs:
         print_tables(table)
     unrendered = missing_frames(found, request)
     whole = duration(found.seconds(request.jobs, unrendered))
+    unknown = f", without {found.n_unknown} rows of solvers that have none yet" if found.n_unknown else ""
     typer.echo(
         f"{len(found.jobs)} rows to be made, {len(found.fresh)} of today's code; {unrendered} frames to be rendered; "
-        f"about {whole} with {request.jobs} process{'es' if request.jobs != 1 else ''}"
+        f"about {whole} with {request.jobs} process{'es' if request.jobs != 1 else ''}{unknown}"
     )
 
 

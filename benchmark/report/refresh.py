@@ -168,7 +168,7 @@ def _counted(job: Job, request: BoardsRequest, frames: FrameSet, notes: Notes) -
     if row is None:
         return job
     same = frames_as_before(row, frames.frames, lambda frame: noted(frame, notes).identity)
-    seconds = job.seconds * (1.0 - len(same) / len(frames.frames))
+    seconds = None if job.seconds is None else job.seconds * (1.0 - len(same) / len(frames.frames))
     return dataclasses.replace(job, n_as_before=len(same), seconds=seconds)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -49,8 +50,8 @@ class Job:
     place : Place
     why : str
     n_frames : int
-    seconds : float
-        Estimated time of one process, from the existing row or from the other rows.
+    seconds : float or None
+        Estimated time of one process, from the existing row or from the solver's other rows; None where it has no row.
     n_as_before : int
         Those of the frames that are unchanged since the existing row, and so are not solved again.
     """
@@ -58,7 +59,7 @@ class Job:
     place: Place
     why: str
     n_frames: int
-    seconds: float
+    seconds: float | None
     n_as_before: int = 0
 
 
@@ -70,8 +71,13 @@ class Plan:
     fresh: tuple[Place, ...]
 
     def seconds(self, processes: int, missing_frames: int) -> float:
-        """Estimate of the total time, including that of rendering the missing frames."""
-        return (sum(job.seconds for job in self.jobs) + RENDER_S * missing_frames) / processes
+        """Estimate of the total time, including that of rendering the missing frames, without rows of unknown time."""
+        return (sum(job.seconds or 0.0 for job in self.jobs) + RENDER_S * missing_frames) / processes
+
+    @property
+    def n_unknown(self) -> int:
+        """Number of rows of unknown time."""
+        return sum(job.seconds is None for job in self.jobs)
 
 
 def make_plan(
@@ -99,15 +105,19 @@ def make_plan(
     each = [(task, mode, solver) for task in tasks for mode in modes for solver in solvers]
     wanted = [Place(task, mode, solver) for task, mode, solver in each if (task, solver) not in left_out]
     others = [place for place in standing if place.task in tasks and place.solver in solvers]
-    usual_s = statistics.median([row.frame_s for row in standing.values()] or [RENDER_S])
+    frame_s: defaultdict[str, list[float]] = defaultdict(list)
+    for place, row in standing.items():
+        frame_s[place.solver].append(row.frame_s)
+    usual_s = {solver: statistics.mean(times) for solver, times in frame_s.items()}
     jobs, fresh = [], []
     for place in dict.fromkeys(
         (*wanted, *sorted(others, key=lambda place: (place.task, place.detections, place.solver)))
     ):
-        row, n = standing.get(place), tasks[place.task]
-        why = _why(row, n)
+        known, n = standing.get(place), tasks[place.task]
+        why = _why(known, n)
         if why:
-            jobs.append(Job(place, why, n, n * (usual_s if row is None else row.frame_s)))
+            each_s = usual_s.get(place.solver) if known is None else known.frame_s
+            jobs.append(Job(place, why, n, None if each_s is None else n * each_s))
         else:
             fresh.append(place)
     return Plan(tuple(jobs), tuple(fresh))

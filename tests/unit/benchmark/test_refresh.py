@@ -47,11 +47,22 @@ def test_a_plan_has_what_is_missing_older_unrecorded_or_too_small() -> None:
         Job(Place("one@1", "own", "older"), f"revision {'b' * 12}; today's is {'a' * 12}", 20, 4.0),
         Job(Place("one@1", "own", "unrecorded"), "revision not recorded", 20, 2.0),
         Job(Place("one@1", "own", "few"), "has 10 frames", 20, 2.0),
-        Job(Place("one@1", "own", "absent"), "missing", 20, pytest.approx(6.0)),
+        Job(Place("one@1", "own", "absent"), "missing", 20, None),
         Job(Place("one@1", "shared", "older"), f"revision {'b' * 12}; today's is {'a' * 12}", 20, 6.0),
     )
     assert plan.fresh == (Place("one@1", "own", "fresh"), Place("one@1", "shared", "fresh"))
-    assert plan.seconds(2, 40) == pytest.approx((20.0 + 4.0) / 2)
+    assert plan.seconds(2, 40) == pytest.approx((14.0 + 4.0) / 2)
+    assert plan.n_unknown == 1
+
+
+def test_the_time_of_a_missing_row_is_that_of_the_other_rows_of_the_solver() -> None:
+    standing = {
+        Place("one@1", "own", "slow"): Standing(TODAY, 20, 4.0),
+        Place("two@1", "own", "slow"): Standing(TODAY, 20, 2.0),
+        Place("one@1", "own", "quick"): Standing(TODAY, 20, 0.01),
+    }
+    (job,) = make_plan(standing, {"three@1": 10}, ["slow"], ["own"]).jobs
+    assert job.seconds == pytest.approx(30.0)
 
 
 def test_a_plan_leaves_rows_out_that_are_not_asked_for_but_keeps_those_that_are_there() -> None:

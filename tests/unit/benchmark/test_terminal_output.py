@@ -74,7 +74,7 @@ def test_the_plan_is_readable_at_80_letters(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     why = "the solver has changed, and so have the frames of the task"
     jobs = [Job(Place("startracker-false@1", "shared", name), why, 320, 500.0, 20) for name in LONGEST_NAMES[1:]]
-    plan = SimpleNamespace(jobs=jobs, fresh=(), seconds=lambda processes, frames: 1000.0)
+    plan = SimpleNamespace(jobs=jobs, fresh=(), seconds=lambda processes, frames: 1000.0, n_unknown=0)
     monkeypatch.setattr("benchmark.report.refresh.missing_frames", lambda found, request: 0)
     boards._print_plan(plan, SimpleNamespace(jobs=1))
     shown = capsys.readouterr().out
