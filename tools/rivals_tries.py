@@ -1,8 +1,9 @@
 """Try settings of the peers' detectors on the dev split: python tools/rivals_tries.py [--frames 12] [--solver tetra3rs].
 
-Each peer has five tries; ruststartracker, seiza and astrometry-net have eight. The first uses the library's defaults. Prints a
-Markdown table: frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were chosen. Needs
-the extra `peers`, and what `make rivals` installs. Solvers that are programs are tried as copies with other settings.
+Each peer has five tries; ruststartracker, seiza and astrometry-net have eight. The first uses the library's defaults.
+Prints a Markdown table: frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were
+chosen. Needs the extra `peers`, and what `make rivals` installs. Solvers that are programs are tried as copies with other
+settings.
 """
 
 from __future__ import annotations
