@@ -15,7 +15,14 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
-from benchmark.solvers.revision import PackageTree, adapter_behaviour, fusion_behaviour, installed_packages, revision_of
+from benchmark.solvers.revision import (
+    VIEW_MODULES,
+    PackageTree,
+    adapter_behaviour,
+    fusion_behaviour,
+    installed_packages,
+    revision_of,
+)
 from benchmark.wrong_key import wrong_key
 from benchmark.yaml_file import read_yaml
 from generator.scenario.strict import Strict, listed
@@ -181,6 +188,8 @@ class SolverFolder:
             left_out |= {"__init__.py", "adapter.py"}
         names = {path.relative_to(self.folder).as_posix(): path for path in _files_of(self.folder)}
         files = {name: path.read_bytes() for name, path in names.items() if name not in left_out}
+        if adapter is None and self.spec.lens == "pinhole":
+            files |= {f"{name}.py": packages.sources.modules[name].encode() for name in VIEW_MODULES}
         try:
             behaviour = None if adapter is None else adapter_behaviour(packages.sources, adapter, self.name)
             catalogues = "" if behaviour is None else packages.catalogues

@@ -1,10 +1,10 @@
 """Revisions: twelve digits that identify the behaviour of a solver, or of the shared detector, in today's code.
 
 A revision covers the modules that the solver imports (`generator.identity.behaviour`), what its ``solver.yaml`` says about
-how it runs (limits, command, pinned packages; neither title nor licence), the other files of its folder, and the star
-catalogues where they are read. NumPy, SciPy and ERFA do not count: between versions their answers differ by far less than the
-precision of any printed number. Nor does the table of the Earth's rotation count, which grows every week but is settled for
-the dates of the tasks' frames.
+how it runs (limits, command, pinned packages; neither title nor licence), the other files of its folder, the star catalogues
+where they are read, and for a program that knows only pinholes what makes its images. NumPy, SciPy and ERFA do not count:
+between versions their answers differ by far less than the precision of any printed number. Nor does the table of the Earth's
+rotation count, which grows every week but is settled for the dates of the tasks' frames.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ ADAPTER_MODULES = {
     "ruststartracker": "benchmark.solvers.ruststartracker.adapter",
     "zenith-fixer": "benchmark.solvers.zenith_fixer.adapter",
 }
+VIEW_MODULES = ("benchmark.run.pinhole_frames", "benchmark.solvers.pinhole")
+"""Modules that make what a program with ``lens: pinhole`` receives."""
 _SHARED_MODULES = ("benchmark.solvers.serve", "celnav.solver")
 _CATALOGUE_MODULE = re.compile(r"celnav\.(.*\.)?catalog")
 _ROOT = Path(__file__).parents[2]

@@ -283,6 +283,17 @@ def test_what_a_solver_yaml_says_for_readers_changes_nothing(tmp_path: Path) -> 
     assert found["version"] != solver.revision
 
 
+def test_what_makes_a_pinhole_s_image_counts_for_programs_that_know_only_pinholes() -> None:
+    packages = PackageTree(Path(celnav.__file__).parents[1])
+    name = "benchmark.run.pinhole_frames"
+    text = packages.sources.modules[name]
+    assert "order=3" in text
+    packages.__dict__["sources"] = packages.sources.edited({name: text.replace("order=3", "order=1")})
+    solvers = [solver_folder(one) for one in ("cedar-solve", "seiza", "astrometry-net", "tetra3rs")]
+    changed = {solver.name for solver in solvers if solver.revision_among(packages) != solver.revision}
+    assert changed == {"cedar-solve", "seiza", "astrometry-net"}
+
+
 def test_the_star_catalogues_count_where_they_are_read() -> None:
     sources = installed_packages().sources
     skybench, zenith = (

@@ -83,3 +83,24 @@ def test_an_ideal_pinhole_with_its_point_in_the_middle_is_left_alone(frame):
     assert is_centred_pinhole(ideal)
     for change in ({"cx_px": 320.0}, {"fy_px": 501.0}, {"p": (1e-3,)}, {"tilt_rad": (0.01, 0.0)}):
         assert not is_centred_pinhole(dataclasses.replace(ideal, **change))
+
+
+@pytest.mark.parametrize("k", [(), (0.2,)], ids=["off its middle", "pincushion"])
+def test_a_view_has_the_noise_of_its_image_and_no_dark_edge(frame, k, tmp_path):
+    lens = CameraRecord("brown_conrady", 320, 240, 280.0, 280.0, 159.8, 119.3, k=k)
+    image = tmp_path / "frame.png"
+    pixels = np.random.default_rng(5).normal(1000.0, 20.0, (lens.height, lens.width))
+    Image.fromarray(np.round(pixels).astype(np.uint16)).save(image)
+    shown = as_pinhole(dataclasses.replace(with_lens(frame, lens), image_path=image), None)
+    shown.write_image(tmp_path / "pinhole.png")
+    with Image.open(tmp_path / "pinhole.png") as picture:
+        seen = np.asarray(picture).astype(float)
+    assert np.abs(seen - 1000.0).max() < 6.5 * 20.0, "a pixel of 0 is 50 standard deviations below"
+    middle = seen[60:-60, 80:-80]  # shown with either lens
+    # An interpolation between pixels cannot keep all of the noise: linear, at half a pixel, keeps a half.
+    assert 0.75 * 20.0 < middle.std() < 1.05 * 20.0
+    beyond = (
+        np.isnan(shown.to_lens(np.array([[0.0, 0.0]]))).any() or (shown.to_lens(np.array([[0.0, 0.0]])) < -1.0).any()
+    )
+    assert beyond == bool(k)
+    assert (seen[0, 0] == np.median(seen)) or not k
