@@ -40,6 +40,10 @@ SETTINGS = [
     "100",
     "--depth",
     "30,60,100",
+    "--code-tolerance",
+    "0.03",
+    "--pixel-error",
+    "2",
 ]
 MOST_DETECTIONS = 300
 WIDEST_DEG = 30.0
