@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, spline_filter
 
 import celnav
 from benchmark.frames.dataset import Frame, load_image
@@ -17,6 +17,9 @@ from benchmark.judge.answers import Response
 from benchmark.protocol import Answer, CameraRecord, Detections
 from benchmark.solvers.detected_points import Points
 from benchmark.solvers.pinhole import pinhole_view
+
+_ROWS = 16
+"""Rows that are resampled at a time: their rays stay in a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -49,16 +52,23 @@ class PinholeFrame:
         Raises OSError.
         """
         pinhole = self.frame.observation.camera
-        u, v = np.meshgrid(np.arange(pinhole.width), np.arange(pinhole.height))
-        uv = self.to_lens(np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
         pixels = load_image(self.whole).astype(np.float32)
-        with np.errstate(invalid="ignore"):
-            shown = ((uv > -1.0) & (uv < np.array(pixels.shape[::-1]))).all(axis=1)
-        seen = np.empty(len(uv), dtype=np.float32)
-        seen[shown] = map_coordinates(pixels, uv[shown, ::-1].T, order=3, mode="nearest")
-        seen[~shown] = np.median(seen[shown]) if shown.any() else 0.0
+        coefficients = spline_filter(pixels, order=3, output=np.float32)
+        bounds = np.array(pixels.shape[::-1])
+        seen = np.full((pinhole.height, pinhole.width), np.nan, dtype=np.float32)
+        columns = np.arange(pinhole.width, dtype=np.float64)
+        for first in range(0, pinhole.height, _ROWS):
+            rows = np.arange(first, min(first + _ROWS, pinhole.height), dtype=np.float64)
+            uv = self.to_lens(np.column_stack((np.tile(columns, len(rows)), np.repeat(rows, len(columns)))))
+            with np.errstate(invalid="ignore"):
+                shown = ((uv > -1.0) & (uv < bounds)).all(axis=1)
+            part = seen[first : first + len(rows)].reshape(-1)
+            part[shown] = map_coordinates(coefficients, uv[shown, ::-1].T, order=3, mode="nearest", prefilter=False)
+        beyond = np.isnan(seen)
+        if beyond.any():
+            seen[beyond] = 0.0 if beyond.all() else np.median(seen[~beyond])
         values = np.clip(np.round(seen), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-        Image.fromarray(values.reshape(pinhole.height, pinhole.width)).save(path, format="PNG")
+        Image.fromarray(values).save(path, format="PNG", compress_level=1)
 
     def to_lens(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform pixels of the pinhole to pixels of the original camera, shape (n, 2); NaN where it shows nothing."""
