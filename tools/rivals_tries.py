@@ -82,8 +82,8 @@ _LOOSE = ["--code-tolerance", "0.03", "--pixel-error", "2"]
 _TO_7_6 = {"FAINTEST_MAG": 7.6, "DETECTION": {}}
 PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "cedar-solve": {
-        "defaults": {"EXTRACTION": {}},
-        "local medians of 15 px, its guide's best": {},
+        "defaults": {},
+        "local medians of 15 px, its guide's best": {"EXTRACTION": _GUIDE},
         "local medians of 15 px, 4 sigma": {"EXTRACTION": _GUIDE | {"sigma": 4}},
         "global median deviation, 4 sigma": {"EXTRACTION": {"sigma_mode": "global_median_abs", "sigma": 4}},
         "global median deviation, 4 sigma, blobs of 3 px": {

@@ -25,8 +25,8 @@ WIDEST_OF_DEFAULT_DEG = 30.0
 FOV_MAX_ERROR_DEG = 5.0
 MARGIN, LEAST_MARGIN_S = 0.1, 0.3
 """Share and least amount (s) of a request's time that are reserved for the last pattern and for the answer."""
-EXTRACTION: dict[str, Any] = {"bg_sub_mode": "local_median", "sigma_mode": "local_median_abs", "filtsize": 15}
-"""Settings of its detector that differ from the defaults, its guide's best; docs/rivals.md reports the trials."""
+EXTRACTION: dict[str, Any] = {}
+"""Settings of its detector that differ from the defaults; docs/rivals.md reports the trials."""
 
 
 def write_bsc5(path: Path) -> None:
