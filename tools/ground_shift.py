@@ -62,9 +62,8 @@ def main() -> None:
         record = read_record(path)
         camera = Camera.from_dict(record["told"]["camera"])
         told = np.array(record["told"]["attitude"]["R_cam"])
-        turned = Rotation.from_matrix(
-            np.array(record["attitude"]["R_cam"]) @ told.T
-        ).as_rotvec()  # about the camera's axes
+        about_axes = np.array(record["attitude"]["R_cam"]) @ told.T
+        turned = Rotation.from_matrix(about_axes).as_rotvec()
         if not turned.any():
             continue  # no stars were found, and the record repeats the calibration
         centres = candidates(camera, told, given.altitude_deg)

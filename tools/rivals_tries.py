@@ -78,7 +78,7 @@ _GUIDE = {"bg_sub_mode": "local_median", "sigma_mode": "local_median_abs", "filt
 _FITS = ["--no-plots", "--overwrite", "--no-tweak", "--parity", "pos", "--crpix-center"]
 _BRIGHTEST = ["--objs", "100", "--depth", "30,60,100"]
 _LOOSE = ["--code-tolerance", "0.03", "--pixel-error", "2"]
-"""The planes of a wide field's quads, which the program takes for that of the picture, are tilted by its half-width."""
+"""For wide fields, whose quads do not lie in the plane of the picture as the program takes them to."""
 _TO_7_6 = {"FAINTEST_MAG": 7.6, "DETECTION": {}}
 PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "cedar-solve": {
