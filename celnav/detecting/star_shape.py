@@ -34,6 +34,8 @@ _SMOOTHING /= _SMOOTHING.sum()
 # Shapes agree if they differ by less than this fraction of their variance; at least this many, and this fraction of all, must
 # agree.
 _AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
+# Of fewer stars than this, more than half must agree.
+_FEW = 8
 # The fit of a varying shape starts from stars within the first value times the tolerance. It must reduce the scatter to the
 # second value if one filter still serves the frame, and to the third otherwise.
 _LOOSE, _MILD, _STRONG = 3.0, 0.8, 0.5
@@ -235,13 +237,13 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     The shape varies over the frame only if that clearly reduces the scatter.
     """
     known = np.isfinite(covariance).all(axis=1)
-    if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= 8:
+    if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= _FEW:
         known = stars
     covariance, uv = covariance[known], uv[known]
     if len(uv) < _LEAST_AGREEING:
         return None
     agreeing = _largest_agreement(covariance)
-    if len(uv) < 8 and not _streaks(covariance, agreeing):
+    if len(uv) < _FEW and not _few_alike(covariance, agreeing):
         return None
     middle = _middle(covariance, np.median(covariance[agreeing], axis=0))
     fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing) else None
@@ -324,10 +326,10 @@ def _largest_agreement(covariance: F8) -> Mask:
     return np.asarray(near[np.argmax(near.sum(axis=1))])
 
 
-def _streaks(covariance: F8, agreeing: Mask) -> bool:
-    """Return whether more than half agree and are streaks; a few sources are not equally long by chance."""
-    large, small = axes(covariance[agreeing])
-    return bool(2 * agreeing.sum() > len(agreeing) and agreeing.sum() >= _LEAST_AGREEING and (large > 4 * small).all())
+def _few_alike(covariance: F8, agreeing: Mask) -> bool:
+    """Return whether more than half agree and none of these is the track of a particle."""
+    enough = 2 * agreeing.sum() > len(agreeing) and agreeing.sum() >= _LEAST_AGREEING
+    return bool(enough and (axes(covariance[agreeing])[1] >= _TRACK_VARIANCE).all())
 
 
 def _enough(agreeing: Mask) -> bool:

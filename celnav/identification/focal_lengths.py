@@ -47,13 +47,15 @@ def identify_at_focal_lengths(
     Identified
         Detections are rows of the question, and `log_f` is relative to the focal length of its camera.
     """
+    others = tuple(factors) if question.ranked else ()
+    told = 1 if question.local is None else 2
+    question = replace(question, searches=(1 + len(others)) * told + (question.near is not None))
     if question.near is not None:
         effort.allow(config.near_share * effort.max_work)
         found = identify(question, index, config, effort)
         if found.alignment is not None:
             return found
         question = replace(question, near=None)
-    others = tuple(factors) if question.ranked else ()
     work_each = int(share * effort.max_work)
     kept = config.kept_for_rival(effort.max_work)
     as_given = effort.max_work - kept - len(others) * work_each - effort.work

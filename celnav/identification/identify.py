@@ -151,7 +151,7 @@ class _Search:
         Alignment or None, ndarray
             The accepted hypothesis, with rows of the question, and the rows that verified it.
         """
-        orders = self._orders()
+        question, orders = self.question, self._orders()
         limit, begun = self.effort.limit, self.effort.work
         for number, order in enumerate(orders):
             last = number == len(orders) - 1
@@ -160,7 +160,7 @@ class _Search:
             for batch in self._batches(order):
                 if not self.effort.affords(self._work(batch, order)):
                     break
-                found = self._judge(batch, order)
+                found = self._judge(batch, order, question.searches * len(orders))
                 if found is not None:
                     # Convert to rows of the detections, whatever the order in which they were tried.
                     return replace(found, detection=order.rows[found.detection]), order.rows[: self.config.verified]
@@ -316,6 +316,10 @@ class _Search:
         )
         return verified, int(min(max(in_field, 30) * self.per_field, len(self.index.xyz)))
 
+    def _expected(self, order: _Order, verified: NDArray[np.intp]) -> int | None:
+        """Return among how many stars of the sky the brightest detections are expected; None without an order."""
+        return int(self.config.verified_depth * len(verified) * self.per_field) if order.ranked else None
+
     def _finest_rad(self, order: _Order, number: int) -> float:
         """Return the smallest pixel scale at the first `number` detections of an order, which verify a hypothesis."""
         key = order, number
@@ -342,7 +346,7 @@ class _Search:
         passed_over = PASSED_OVER_WORK * batch.passed_over
         return BATCH_WORK + HYPOTHESIS_WORK * n + passed_over + scoring + candidates * each
 
-    def _judge(self, batch: _Batch, order: _Order) -> Alignment | None:
+    def _judge(self, batch: _Batch, order: _Order, searches: int) -> Alignment | None:
         """Score the hypotheses of a batch, verify the best, and return one that passes."""
         effort, config, question, view = self.effort, self.config, self.question, batch.view
         n = len(batch.rotations)
@@ -381,9 +385,13 @@ class _Search:
                 free_stars=self.made_of,
                 region=region,
                 finest_rad=finest_rad,
+                area_px=question.area_px,
+                searches=searches,
+                expected=self._expected(order, verified),
             )
             if sparse is not None:
-                found = sparse.judged(found, question.camera, question.uv[verified], stars, region, finest_rad)
+                uv = question.uv[verified]
+                found = sparse.judged(found, question.camera, uv, stars, region, finest_rad, searches)
             effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
             if found.log10_false_alarm <= config.max_log10_false_alarm:
                 return found

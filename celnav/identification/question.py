@@ -11,7 +11,7 @@ from celnav.camera import Camera
 from celnav.identification.neighbourhood import Neighbourhood
 from celnav.identification.sky_index import F4, F8
 from celnav.identification.sparse import MOST_DETECTIONS, Sparse, ToldOrientation
-from celnav.identification.verification import WHOLE_SKY, Region
+from celnav.identification.verification import SEARCHES, WHOLE_SKY, Region
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,8 @@ class Question:
         Orientations that the attitude alone allows, without a last known position.
     mag : ndarray, shape (n,), or None
         Magnitudes of the detections up to a common zero point, NaN where unknown; None without fluxes.
+    searches : int
+        Number of searches that share the allowed false alarms.
     """
 
     camera: Camera
@@ -56,6 +58,7 @@ class Question:
     near: Neighbourhood | None
     region: Region = WHOLE_SKY
     mag: F8 | None = None
+    searches: int = SEARCHES
 
     def sparse(self, rows: NDArray[np.intp], v_mag: F4) -> Sparse | None:
         """Return the test for few stars of magnitudes `v_mag` and detections `rows`; None if many, or without fluxes."""

@@ -25,7 +25,6 @@ from celnav.identification.search import enu_rotations
 from celnav.identification.sky_index import F4, F8
 from celnav.identification.verification import (
     FOCAL_STEP,
-    SEARCHES,
     TURN_STEP,
     Alignment,
     Region,
@@ -37,7 +36,7 @@ from celnav.identification.verification import (
 # Largest differences, to either side, between the magnitudes of a detection and its star, which are due to colours,
 # extinction, vignetting and saturation. They are also the steps in which zero points are tried.
 WIDTHS_MAG = (0.5, 1.0)
-RADII_PX = (1.2, 0.6, 0.3)
+RADII_PX = (2.4, 1.2, 0.6, 0.3)
 # Fewer agreements prove nothing; more agreements, or frames with more detections, do not need this kind of evidence.
 FEWEST_AGREEING, MOST_AGREEING, MOST_DETECTIONS = 3, 24, 60
 # Fraction of the allowed false alarms that is assigned to this test.
@@ -112,7 +111,9 @@ class Sparse:
     area_px: float
     told: ToldOrientation | None
 
-    def judged(self, found: Alignment, camera: Camera, uv: F8, xyz: F8, region: Region, finest_rad: float) -> Alignment:
+    def judged(
+        self, found: Alignment, camera: Camera, uv: F8, xyz: F8, region: Region, finest_rad: float, searches: int
+    ) -> Alignment:
         """Return the hypothesis with the smaller of its own false-alarm bound and the one that uses brightness.
 
         Parameters
@@ -129,6 +130,8 @@ class Sparse:
             Orientations among which the hypothesis was searched for.
         finest_rad : float
             Smallest pixel scale among the detections.
+        searches : int
+            Number of searches that share the allowed false alarms.
         """
         own = replace(found, log10_false_alarm=min(0.0, found.log10_false_alarm - math.log10(1 - SHARE)))
         if not FEWEST_AGREEING <= len(found.detection) <= MOST_AGREEING:
@@ -141,7 +144,7 @@ class Sparse:
             + (0.0 if self.told is not None else log10_focal_shell(camera, other.log_f, radius))
             for radius, chance in agreeing.items()
         ]
-        bound = min(bounds, default=0.0) + math.log10(SEARCHES / SHARE)
+        bound = min(bounds, default=0.0) + math.log10(searches / SHARE)
         if bound >= own.log10_false_alarm:
             return own
         return replace(other, log10_false_alarm=bound)

@@ -142,7 +142,7 @@ def _find(
             found = verify(
                 camera, verified, stars, to_sky[row].astype(np.float64).T, _TOLERANCE_PX,
                 log10_tried=math.log10(effort.hypotheses), free_stars=3, region=ANY_FOCAL_LENGTH,
-                finest_rad=float(camera.radians_per_px(verified).min()),
+                area_px=float(size[0] * size[1]), finest_rad=float(camera.radians_per_px(verified).min()),
             )  # fmt: skip
             if found.log10_false_alarm <= config.max_log10_false_alarm:
                 return camera, found

@@ -28,8 +28,8 @@ _RADII = (1.0, 0.6, 0.35)
 # Steps that cover all orientations and focal lengths: largest shift of a position between a step and the values that it
 # represents, in units of the agreement radius.
 TURN_STEP, FOCAL_STEP = 0.5, 0.25
-# Number of searches for one frame: three focal lengths; two orders of detections, or a second search of the whole sky; each
-# with and without the supplied attitude.
+# Number of searches for one frame where the caller does not count them: three focal lengths; two orders of detections, or a
+# second search of the whole sky; each with and without the supplied attitude.
 SEARCHES = 12
 
 
@@ -140,6 +140,9 @@ def verify(
     free_stars: int,
     region: Region,
     finest_rad: float,
+    area_px: float,
+    searches: int = SEARCHES,
+    expected: int | None = None,
 ) -> Alignment:
     """Refine a hypothesis on the field and bound its false-alarm probability.
 
@@ -163,6 +166,13 @@ def verify(
         Orientations among which the hypothesis was searched for.
     finest_rad : float
         Smallest pixel scale (`Camera.radians_per_px`) among the detections.
+    area_px : float
+        Area of the frame that shows the sky.
+    searches : int
+        Number of searches that share the allowed false alarms.
+    expected : int, optional
+        Number of the first stars among which the detections are expected by their number. If it is less than n, agreement
+        with these alone is judged too.
     """
     log_f, radius = 0.0, tolerance_px
     rounds = 3 if tolerance_px <= 6 else 4
@@ -209,23 +219,24 @@ def verify(
         radius = min(radius, max(3.5 * sigma, 1.2))
     length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
     n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
-    crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
     # The fit could choose among all places within the tolerance, in each of its dimensions.
     tried = log10_tried + 3 * math.log10(max(tolerance_px / radius, 1.0))
     best = 0.0
+    depths = {len(xyz), len(xyz) if expected is None else min(expected, len(xyz))}
     radii = radius * np.array(_RADII)
     # Areas in which a star may be by chance: each radius, and each radius widened by the steps in rotation and focal length.
     areas = math.pi * np.concatenate((radii, (1 + TURN_STEP + FOCAL_STEP) * radii)) ** 2
-    chances = np.maximum((-np.expm1(-areas[:, None] * crowding)).mean(axis=1), 1e-12).tolist()
-    for k, r in enumerate(radii.tolist()):
-        agreeing = int(np.count_nonzero(length <= r))
-        made = tried + log10_chance(agreeing - n_free, len(uv), chances[k])
-        steps = (
-            region.log10_steps(TURN_STEP * r * finest_rad) + log10_focal_shell(camera, log_f, r) + math.log10(SEARCHES)
-        )
-        covered = steps + log10_chance(agreeing, len(uv), chances[k + len(_RADII)])
-        best = min(best, made, covered)
-    total = min(0.0, best + math.log10(2 * len(_RADII)))
+    for depth in depths:
+        crowding = _crowding(uv, predicted[inside & (rows < depth)], radius, area_px)
+        chances = np.maximum((-np.expm1(-areas[:, None] * crowding)).mean(axis=1), 1e-12).tolist()
+        among = length[rows[star] < depth]
+        for k, r in enumerate(radii.tolist()):
+            agreeing = int(np.count_nonzero(among <= r))
+            made = tried + log10_chance(agreeing - n_free, len(uv), chances[k])
+            steps = region.log10_steps(TURN_STEP * r * finest_rad) + log10_focal_shell(camera, log_f, r)
+            covered = steps + math.log10(searches) + log10_chance(agreeing, len(uv), chances[k + len(_RADII)])
+            best = min(best, made, covered)
+    total = min(0.0, best + math.log10(2 * len(_RADII) * len(depths)))
     return Alignment(rotation, log_f, detection, rows[star], sigma, total)
 
 
@@ -249,13 +260,16 @@ def _may_be_seen(camera: Camera, xyz: F8, rotation: F8, tolerance_px: float) -> 
     return np.asarray(rows[camera.in_frame(predicted, margin)])
 
 
-def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
-    """Return the density of predicted stars around each detection, per square pixel, shape (n,).
+def _crowding(seen: F8, predicted: F8, radius_px: float, area_px: float) -> F8:
+    """Return the density of predicted stars that chance meets at each detection, per square pixel, shape (n,).
 
-    Where the sky is crowded, both stars and detections crowd, so chance must be judged locally and not by the frame's mean.
+    Where the sky is crowded, both stars and detections crowd, so chance must be judged locally and not by the frame's mean
+    alone. The star that a detection agrees with is no evidence of a crowd.
     """
-    detection, _, _ = candidate_pairs(seen, predicted, radius_px)
-    return np.asarray(np.bincount(detection, minlength=len(seen)) / (math.pi * radius_px**2))
+    reach = max(CROWD_PX, 3 * radius_px)
+    detection, _, distance = candidate_pairs(seen, predicted, reach)
+    around = np.bincount(detection[distance > radius_px], minlength=len(seen))
+    return np.asarray(np.maximum(around / (math.pi * (reach**2 - radius_px**2)), len(predicted) / area_px))
 
 
 @lru_cache(maxsize=32)

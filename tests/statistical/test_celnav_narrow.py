@@ -6,6 +6,8 @@ import pytest
 import celnav
 from benchmark.fields.solver_bars import attitude_of, camera_of, measure
 from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
+from benchmark.judge.geodesy import geodesic_km
+from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import load_deep_sky_index, load_sky_index
 
 SEED, FIELDS = 37, 12
@@ -45,6 +47,41 @@ def test_clutter_in_a_narrow_field_is_no_star_field(hfov_deg):
         assert not fix.ok
         assert fix.R_icrs_to_camera is None
         assert fix.work <= celnav.SkybenchConfig().max_work
+
+
+def test_six_stars_of_a_known_camera_are_enough():
+    """Where the focal length is told, fewer searches share the allowed false alarms: 11 of these 17 fields without that."""
+    condition, solved = Condition("few", 10, noise_px=0.7, brightest=6), 0
+    for number in range(30):
+        field = make_field(condition, 53, number)
+        if len(field.uv) < 6:
+            continue
+        fix = celnav.solve(
+            field.uv, camera_of(condition), field.utc, celnav.Attitude.up(field.R_cam[:, 2]), flux=field.flux,
+            sigmas=celnav.ToldSigmas(focal=1e-4),
+        )  # fmt: skip
+        solved += fix.ok
+        assert not fix.ok or geodesic_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg) < 20, number
+    assert solved >= 14
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_chance_passes_no_oftener_than_the_bound_says(up):
+    """A bound of 0.01 for each of 100 frames of a few random detections: more than 5 pass with a probability of 0.0005."""
+    search = SearchConfig(max_log10_false_alarm=-2)
+    solver = celnav.SkybenchSolver(celnav.SkybenchConfig(max_work=2_000_000, search=search, max_sigma_px=50))
+    camera, passed = celnav.Camera.pinhole(1024, 1024, 8), 0
+    attitude = celnav.Attitude.up([0, 0, 1]) if up else None
+    for number in range(100):
+        rng = np.random.default_rng([41, number])
+        n = int(rng.integers(5, 12))
+        uv, flux = rng.uniform(0, 1023, (n, 2)), 10 ** rng.exponential(0.8, n)
+        fix = celnav.solve(
+            uv, camera, "2024-03-01T22:00:00Z", attitude, flux=flux, solver=solver,
+            sigmas=celnav.ToldSigmas(focal=1e-4),
+        )  # fmt: skip
+        passed += fix.R_icrs_to_camera is not None or str(fix.reason) not in ("no_hypothesis", "effort_spent")
+    assert passed <= 5
 
 
 def test_deep_tables_continue_the_others():

@@ -72,6 +72,20 @@ def test_a_sky_of_half_a_step_of_noise():
     assert len(found) <= len(truth) + 2
 
 
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_handful_of_bright_stars_shows_its_own_width(seed):
+    """The wings of six bright stars, all that the correlation of the dark image sees, are wider than the stars."""
+    rng = np.random.default_rng([17, seed])
+    light = np.zeros((1024, 1024))
+    truth = rng.uniform(60, 960, (6, 2))
+    for (u, v), flux in zip(truth, np.geomspace(2000, 20_000, 6), strict=True):
+        add_star(light, u, v, flux * rng.uniform(0.8, 1.2))
+    image = np.rint(64 + rng.poisson(133 * light) / 133 + rng.normal(0, 0.69, light.shape)).astype(np.uint16)
+    found = celnav.detect(image)
+    distance, _ = nearest(found, truth)
+    assert distance.max() < 0.1
+
+
 def test_flat_and_black_images_are_empty():
     for image in (
         np.zeros((60, 80), dtype=np.uint8),

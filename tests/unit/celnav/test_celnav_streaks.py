@@ -181,7 +181,13 @@ def test_shape_of_few_long_streaks_and_of_few_round_stars():
     shape = fit_shape(np.array([[90.0, -120.0, 170.0]]) * alike, uv, SIZE)
     assert isinstance(shape, StarShape)
     assert not shape.varies
-    assert fit_shape(np.array([[1.2, 0.0, 1.1]]) * alike, uv, SIZE) is None
+    few = fit_shape(np.array([[1.2, 0.0, 1.1]]) * alike, uv, SIZE)
+    assert few is not None
+    assert few.at(uv) == pytest.approx(np.tile([1.2, 0.0, 1.1], (6, 1)), rel=0.05)
+    unlike = np.geomspace(1, 8, 6)[:, None]
+    assert fit_shape(np.array([[1.2, 0.0, 1.1]]) * unlike, uv, SIZE) is None
+    narrow = np.array([[1.2, 0.0, 0.1]]) * alike  # tracks of particles
+    assert fit_shape(narrow, uv, SIZE) is None
 
 
 def test_streaks_measured_a_few_at_a_time_are_those_measured_together(monkeypatch):
