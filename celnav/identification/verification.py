@@ -264,12 +264,14 @@ def _crowding(seen: F8, predicted: F8, radius_px: float, area_px: float) -> F8:
     """Return the density of predicted stars that chance meets at each detection, per square pixel, shape (n,).
 
     Where the sky is crowded, both stars and detections crowd, so chance must be judged locally and not by the frame's mean
-    alone. The star that a detection agrees with is no evidence of a crowd.
+    alone. The star that a detection agrees with is no evidence of a crowd, unless the whole frame is as crowded.
     """
     reach = max(CROWD_PX, 3 * radius_px)
     detection, _, distance = candidate_pairs(seen, predicted, reach)
-    around = np.bincount(detection[distance > radius_px], minlength=len(seen))
-    return np.asarray(np.maximum(around / (math.pi * (reach**2 - radius_px**2)), len(predicted) / area_px))
+    disc_px = math.pi * reach**2
+    near = np.bincount(detection, minlength=len(seen)) / disc_px
+    others = np.bincount(detection[distance > radius_px], minlength=len(seen)) / disc_px
+    return np.asarray(np.maximum(others, np.minimum(near, len(predicted) / area_px)))
 
 
 @lru_cache(maxsize=32)
