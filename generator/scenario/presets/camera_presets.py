@@ -206,8 +206,8 @@ PRESETS: dict[str, CameraPreset] = {
         "Meteor camera of the Global Meteor Network: IP camera with a Sony IMX291, 720p at 25 frames/s, 4 mm f/0.95 lens",
         "Sensor, lens, video and stacks of 256 frames as the network describes them (Vida et al. 2021, MNRAS 506, 5046); "
         "the pitch is that of the sensor's 1920 columns of 2.9 um scaled to 1280. Measured on frames of one camera of the "
-        "network: the lens by 2489 stars (0.23 px), gain, point spread and wings by their light, "
-        "black level, fixed pattern, noise reduction and bit rate by the noise of stacked frames.",
+        "network: the lens by 2489 stars (0.23 px), gain, vignetting, point spread and wings by the light of 709, black "
+        "level, fixed pattern, hot pixels, noise reduction and bit rate by what stacks have in common and by their noise.",
         camera={
             "model": "kannala_brandt",
             "width": 1280,
@@ -220,22 +220,31 @@ PRESETS: dict[str, CameraPreset] = {
             "pupil": "cosine",
             "aperture_mm": 4.2,
             "transmission": 0.72,
-            "psf_sigma_px": 0.8,
-            "bloom": {"share": 0.2, "core_px": 4.0, "slope": 2.4},
+            "vignetting": [-0.4],
+            "psf": {
+                "field_gaussian": {
+                    "radial_sigma_px": [[0, 0.45], [11, 0.5], [17, 0.55], [23, 0.6], [29, 0.85], [35, 1.1], [42, 1.2]],
+                    "tangential_sigma_px": [[0, 0.45], [29, 0.55], [35, 0.7], [42, 0.75]],
+                },
+            },
+            "bloom": {"share": 0.35, "core_px": 2.5, "slope": 2.4},
         },
         sensor={
             "full_well_e": 135.0,
             "read_noise_e": 1.2,
-            "gain_e_per_dn": 0.033,
+            "gain_e_per_dn": 0.026,
             "black_level_dn": 80,
             "bits": 12,
             "dark_current_e_s": 2.0,
-            "prnu": 0.22,
-            "dsnu_e": 0.4,
+            "prnu": 0.15,
+            "dsnu_e": 0.9,
+            "hot_pixel_fraction": 0.0013,
+            "hot_pixel_e_s": 170.0,
+            "hot_pixel_log_sigma": 0.45,
             "video": {
                 "frames_per_s": 25.0,
-                "denoise": {"sigma_px": 1.05, "threshold": 0.1, "temporal": 0.6},
-                "h264": {"bitrate_kbit_s": 3500.0},
+                "denoise": {"sigma_px": 0.78, "temporal": 0.5},
+                "h264": {"bitrate_kbit_s": 3300.0, "keyframe_every": 100},
             },
         },
     ),
