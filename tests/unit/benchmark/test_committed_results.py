@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 from benchmark.cli.bench import app
 from benchmark.report import stale
 from benchmark.report.marks import Mark
-from benchmark.report.site.tree import read_tree
+from benchmark.report.site.tree import StoredResult, read_tree
 from benchmark.run.freshness import State
 
 ROOT = Path(__file__).parents[3]
@@ -30,17 +31,34 @@ def test_results_stay_below_ten_megabytes() -> None:
     assert sum(sizes.values()) < LARGEST_BYTES, f"largest: {largest}; pack raw results with skybench bench pack-results"
 
 
-def test_every_row_of_the_leaderboard_states_its_revision_or_that_it_has_none() -> None:
-    found = [stored for group in read_tree(RESULTS / "leaderboard") for stored in group]
-    assert {stored.task.key for stored in found} >= {"bortle@2", "clutter@2", "drift@1", "uav@1"}
+@pytest.fixture(scope="module")
+def board() -> list[StoredResult]:
+    """All rows of the leaderboard."""
+    return [stored for group in read_tree(RESULTS / "leaderboard") for stored in group]
+
+
+def test_every_row_of_the_leaderboard_states_its_revision_or_that_it_has_none(board: list[StoredResult]) -> None:
+    assert {stored.task.key for stored in board} >= {"bortle@2", "clutter@2", "drift@1", "uav@1"}
     assert not list(RESULTS.glob("leaderboard/*@*/*/*/*/summary.json"))
-    for stored in found:
+    for stored in board:
         revision, age = stored.provenance.solver.revision, stored.age
         assert age is not None, stored.folder
         assert (revision is None) == (age.state is State.UNRECORDED)
         assert revision is None or len(revision) == 12
         frames = stored.provenance.frames
         assert len(stored.frames) == frames.per_condition * len(frames.grading.values)
+
+
+def test_code_of_the_results_page_reads_a_table(
+    board: list[StoredResult], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (RESULTS / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    exec(compile(code, "results/README.md", "exec"), {})
+    (row,) = (row for row in board if (row.task.key, row.solver, row.detections) == ("bortle@2", "skybench", "own"))
+    within = (row.frames["error_km"] < 10).mean()
+    assert capsys.readouterr().out == f"{within:.3f}\n"
+    assert within > 0.5
 
 
 @pytest.fixture
