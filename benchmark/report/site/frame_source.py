@@ -127,8 +127,8 @@ class _Place:
     stars: Path
 
     def star_tables(self) -> list[Path]:
-        """Files with the truth of stars."""
-        return sorted(self.stars.glob("stars.parquet" if self.stars == self.images else "*.parquet"))
+        """Files with the truth of stars, without the unfinished ones that a killed run leaves (`.shard-…`)."""
+        return sorted(self.stars.glob("stars.parquet" if self.stars == self.images else "[!.]*.parquet"))
 
 
 def _is_the_one(pixels: NDArray[np.uint16], result: StoredResult, frame_id: str) -> bool:

@@ -336,6 +336,7 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
         "snr": [2.0, 9.0, 9.0],
     }
     pq.write_table(pa.table(stars), folder / "stars" / "dev" / "shard-000000.parquet")
+    (folder / "stars" / "dev" / ".shard-000001-of_a_killed_run.parquet").write_bytes(b"PAR1")
     assert FrameSource(tmp_path).true_stars(result, ["frame-00003-2"]) == {"frame-00003-2": [(2.0, 5.0)]}
     (folder / "unpacked" / "frame-00003.png").write_bytes(b"no picture")
     with pytest.raises(ResultsError, match="not a readable image"):
