@@ -17,7 +17,8 @@ from celnav.command.camera_file import CameraFile, read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.flood_fill import FloodFillConfig
 from celnav.detecting.image_file import read_image
-from celnav.detection import DetectionConfig, Detections, detect
+from celnav.detection import FAINT_STARS, DetectionConfig, detect
+from celnav.detections import Detections
 from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from celnav.unknown_camera import FoundCamera, find_camera
 
 __all__ = [
+    "FAINT_STARS",
     "SOLVERS",
     "THESIS_ADAPTIVE",
     "THESIS_BASELINE",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.checking import bounded, check_fields, real_array, shown
+from celnav.checking import bounded, check_fields, shown
 from celnav.detecting.blank_border import blank_border
 from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.correlation.self_correlation import correlations_of_halves
@@ -46,7 +46,8 @@ from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
 from celnav.detecting.streaks.ends import by_ends
 from celnav.detecting.tiles import Tiles, mean_map
-from celnav.errors import ConfigError, DetectionError
+from celnav.detections import Detections
+from celnav.errors import ConfigError
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -68,40 +69,8 @@ _TILE_OVER_SIGMA = 24
 # value at a significance of the second.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
 _COMPACT_VARIANCE, _WIDER_THAN_GUESSED = 4.0, 1.1
-
-
-@dataclass(frozen=True, eq=False)
-class Detections:
-    """Detected stars, brightest first.
-
-    Attributes
-    ----------
-    uv : ndarray, shape (n, 2)
-        Centroids, pixels.
-    flux : ndarray, shape (n,), or None
-        Light above the background, in the image's unit up to a constant factor; None if unknown.
-    shape : tuple of int or None
-        Height and width of the image that the detections come from.
-    sigma_px : ndarray, shape (n,), or None
-        Standard deviation of each centroid along each axis, pixels; None if unknown. For a streak, the root mean square
-        of the standard deviations along and across it.
-    streak_px : ndarray, shape (n, 2), or None
-        Vector from one end of a star's streak to the other, in either sense, pixels; 0 for a star without a streak, None
-        if no star has one. The position of a streak is the midpoint of its ends.
-    sigma_across_px : ndarray, shape (n,), or None
-        Standard deviation across the streak, pixels; equal to `sigma_px` for a star without one. The position along a
-        streak is much less certain.
-    """
-
-    uv: F8
-    flux: F8 | None
-    shape: tuple[int, int] | None = None
-    sigma_px: F8 | None = None
-    streak_px: F8 | None = None
-    sigma_across_px: F8 | None = None
-
-    def __len__(self) -> int:
-        return len(self.uv)
+FAINT_STARS = 60
+"""Enough for an identification with a known attitude where no star stands out; for `DetectionConfig.faint_stars`."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +104,9 @@ class DetectionConfig:
     float_floor : float
         For floating-point images: least threshold, as a fraction of the highest peak. It matters for noise-free images,
         where the noise is zero. Integer images have a floor of one step.
+    faint_stars : int
+        Where fewer stars than this reach `seed_sigma`, the brightest sources above `grow_sigma` follow them until there
+        are so many. Most of these are noise; `celnav.solve` uses them only where it refuses the others. 0: none.
     """
 
     seed_sigma: float = 4.5
@@ -147,6 +119,7 @@ class DetectionConfig:
     trail_length_px: float | None = 20.0
     tile_px: int = bounded(32, 4)
     float_floor: float = bounded(1e-4, 0, 1)
+    faint_stars: int = bounded(0, 0, 1000)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -194,6 +167,15 @@ def detect(
         return Detections(*flood_fill(image, mask, config))
     if not isinstance(config, DetectionConfig):
         raise ConfigError(f"config = {shown(config)} must be a celnav.DetectionConfig or a FloodFillConfig")
+    found = _by_matched_filter(image, mask, config)
+    if len(found) >= config.faint_stars:
+        return found
+    lower = replace(config, seed_sigma=config.grow_sigma)
+    return found.followed_by(_by_matched_filter(image, mask, lower), config.faint_stars)
+
+
+def _by_matched_filter(image: ArrayLike, mask: ArrayLike | None, config: DetectionConfig) -> Detections:
+    """Find the stars above the threshold."""
     original = as_image(image)
     pixels = grey(original)
     used = used_pixels(pixels, mask)
@@ -377,60 +359,3 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
         fluxes.append(max(float(part.sum()), cores.level * np.pi * r * r))
         radii.append(r)
     return np.array(places).reshape(-1, 2), np.array(fluxes), np.hypot(0.1, 0.1 * np.array(radii))
-
-
-def as_positions(uv: ArrayLike) -> F8:
-    """Return pixel positions as an (n, 2) array of finite numbers; raise `DetectionError` if they are not valid."""
-    positions = _unmasked("detections", uv)
-    if positions.size == 0:
-        return np.empty((0, 2))
-    if positions.ndim != 2 or positions.shape[1] != 2:
-        raise DetectionError(f"detections have shape {positions.shape}; they must be (n, 2): u and v in pixels")
-    if not (finite := np.isfinite(positions).all(axis=1)).all():
-        raise DetectionError(
-            f"detection {int(np.flatnonzero(~finite)[0])} has a NaN or infinite position: leave out such detections"
-        )
-    return positions
-
-
-def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = None) -> Detections:
-    """Return validated detections for any value that `celnav.solve` accepts as detections."""
-    shape, sigma, streak, across = None, None, None, None
-    if isinstance(detections, Detections):
-        if flux is not None:
-            raise DetectionError("give flux either in the detections or as flux=, not both")
-        positions, flux, shape = as_positions(detections.uv), detections.flux, detections.shape
-        if detections.sigma_px is not None:
-            sigma = _column("sigma_px", detections.sigma_px, len(positions))
-            if (sigma <= 0).any():
-                raise DetectionError("sigma_px must be positive")
-        if detections.sigma_across_px is not None:
-            across = _column("sigma_across_px", detections.sigma_across_px, len(positions))
-            if sigma is None or (across <= 0).any():
-                raise DetectionError("sigma_across_px must be positive, and stand beside sigma_px")
-        if detections.streak_px is not None:
-            streak = real_array(detections.streak_px, "streak_px", DetectionError)
-            if streak.shape != (len(positions), 2):
-                raise DetectionError(f"streak_px has shape {streak.shape}; it must be ({len(positions)}, 2)")
-            if not np.isfinite(streak).all():
-                raise DetectionError("streak_px holds NaN or infinity")
-    else:
-        positions = as_positions(detections)
-    brightness = None if flux is None else _column("flux", flux, len(positions))
-    return Detections(positions, brightness, shape, sigma, streak, across)
-
-
-def _unmasked(name: str, values: ArrayLike) -> F8:
-    """Return numbers as a new array of floats; raise `DetectionError` if some entries are masked."""
-    if np.ma.is_masked(values):
-        raise DetectionError(f"{name} has masked entries, which have no value: leave them out")
-    return real_array(values, name, DetectionError)
-
-
-def _column(name: str, values: ArrayLike, n: int) -> F8:
-    column = _unmasked(name, values)
-    if column.shape != (n,):
-        raise DetectionError(f"{name} has shape {column.shape}; it must be ({n},), one per detection")
-    if not np.isfinite(column).all():
-        raise DetectionError(f"{name} holds NaN or infinity")
-    return column

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
 from celnav.checking import bounded, check_fields, finite_number
-from celnav.detection import as_positions
+from celnav.detections import as_positions
 from celnav.errors import AttitudeError, ConfigError, DetectionError
 from celnav.fix import Fix, Reason
 from celnav.sky.astrometry import TerrestrialStars, terrestrial_stars

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
 from celnav.checking import shown
-from celnav.detection import Detections, as_detections
+from celnav.detections import Detections, as_detections
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Fix, Reason
 from celnav.history import History
@@ -117,6 +117,8 @@ SOLVERS: MappingProxyType[str, Solver] = MappingProxyType(
 
 
 _EXACT = ToldSigmas()
+# What a solver refuses for these reasons it may solve with more stars.
+_HELPED_BY_MORE = {Reason.TOO_FEW_DETECTIONS, Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT, Reason.AMBIGUOUS}
 
 
 def solvers() -> tuple[str, ...]:
@@ -200,16 +202,8 @@ def solve(
             raise ConfigError(f"sigmas = {shown(sigmas)} must be a celnav.ToldSigmas")
         if history is not None and not isinstance(history, History):
             raise ConfigError(f"history = {shown(history)} must be a celnav.History")
-        problem = Problem(
-            Observation(
-                seen.uv,
-                camera.to_rays(seen.uv),
-                seen.flux,
-                camera,
-                seen.sigma_px,
-                streak_px=seen.streak_px,
-                sigma_across_px=seen.sigma_across_px,
-            ),
+        told = Problem(
+            _observed(seen.without_faint(), camera),
             parse_utc(utc),
             as_attitude(attitude),
             Weather(pressure_hpa, temperature_c),
@@ -218,9 +212,35 @@ def solve(
             time_limit_s,
             _EXACT if sigmas is None else sigmas,
         )
-    fix = chosen(problem, history, clock)
+    fix = chosen(told, history, clock)
+    if seen.n_faint and fix.reason in _HELPED_BY_MORE:
+        fix = _with_all(fix, chosen, replace(told, observation=_observed(seen, camera)), history, clock)
     clock.time_ms["total"] = sum(clock.time_ms.values())
     return replace(fix, time_ms=clock.time_ms, solver=name)
+
+
+def _observed(seen: Detections, camera: Camera) -> Observation:
+    """Pair detections with their rays."""
+    return Observation(
+        seen.uv,
+        camera.to_rays(seen.uv),
+        seen.flux,
+        camera,
+        seen.sigma_px,
+        streak_px=seen.streak_px,
+        sigma_across_px=seen.sigma_across_px,
+    )
+
+
+def _with_all(refusal: Fix, solver: Solver, told: Problem, history: History | None, clock: Stopwatch) -> Fix:
+    """Solve with the faint detections too, in the time that is left; return the first refusal where that is refused too."""
+    if told.time_limit_s is not None:
+        left_s = told.time_limit_s - sum(clock.time_ms.values()) / 1000
+        if left_s <= 0:
+            return refusal
+        told = replace(told, time_limit_s=left_s)
+    fix = solver(told, history, clock)
+    return fix if fix.ok else refusal
 
 
 def _solver(solver: str | Solver) -> tuple[Solver, str]:

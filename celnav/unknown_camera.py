@@ -19,7 +19,8 @@ from celnav.calibrating.frames import DEEP_MAG, FAINTEST_MAG, CalibrationFrame, 
 from celnav.calibrating.growth import grow
 from celnav.calibrating.joint_fit import NothingNamedError
 from celnav.camera import Camera
-from celnav.detection import DetectionConfig, Detections, detect
+from celnav.detection import DetectionConfig, detect
+from celnav.detections import Detections
 from celnav.errors import CalibrationError
 from celnav.position import Weather
 from celnav.sky.astrometry import celestial_to_terrestrial, terrestrial_stars

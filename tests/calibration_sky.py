@@ -9,7 +9,7 @@ import erfa
 import numpy as np
 
 from celnav.calibrating.frames import CalibrationFrame
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.sky.catalog import load_catalog
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.utc import parse_utc

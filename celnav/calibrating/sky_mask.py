@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from celnav.detecting.blank_border import blank_border
 from celnav.detecting.image_background import as_image, background_and_noise, grey
 from celnav.detecting.tiles import Tiles
-from celnav.detection import DetectionConfig, Detections, detect
+from celnav.detection import DetectionConfig, detect
+from celnav.detections import Detections
 from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]

@@ -15,7 +15,7 @@ from celnav.attitude import Attitude
 from celnav.camera import Camera
 from celnav.command.field_limits import field_deg
 from celnav.command.pointing import Pointing
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.fix import Fix
 from celnav.problem import ToldSigmas
 from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
@@ -154,10 +154,10 @@ def text_of(answer: Answer, matches: bool = False) -> str:
     lines += _camera_lines(answer)
     if len(fix.matches):
         scatter = "" if math.isnan(fix.residual_rms_px) else f", {fix.residual_rms_px:.2f} px rms"
-        lines.append(("stars", f"{len(fix.matches)} identified of {len(answer.detections)} detected{scatter}"))
+        lines.append(("stars", f"{len(fix.matches)} identified of {_counted(answer.detections)}{scatter}"))
         lines.append(("confidence", f"{fix.confidence:.2f} ({fix.solver})"))
     else:
-        lines.append(("stars", f"none identified of {len(answer.detections)} detected"))
+        lines.append(("stars", f"none identified of {_counted(answer.detections)}"))
     lines.append(("time", _time_text(answer.time_ms)))
     lines += [("assumed", sentence) for sentence in answer.assumed]
     lines += [("warning", sentence) for sentence in answer.warnings]
@@ -170,11 +170,18 @@ def text_of(answer: Answer, matches: bool = False) -> str:
     return "\n".join(written)
 
 
+def _counted(detections: Detections) -> str:
+    """Return the number of detections in words."""
+    fainter = f" and {detections.n_faint} fainter than the threshold" if detections.n_faint else ""
+    return f"{len(detections) - detections.n_faint} detected{fainter}"
+
+
 def json_of(answer: Answer, matches: bool = False) -> str:
     """Format the answer as JSON with one line per key and, if wanted, one line per match."""
     fix = answer.fix
     content = fix.to_dict()
     content["n_matches"], content["n_detections"] = len(fix.matches), len(answer.detections)
+    content["n_faint_detections"] = answer.detections.n_faint
     del content["matches"], content["residuals_px"]
     content["solver_time_ms"] = content["time_ms"]
     content["time_ms"] = {stage: round(float(ms), 3) for stage, ms in answer.time_ms.items()}

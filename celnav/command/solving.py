@@ -24,7 +24,8 @@ from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image, read_mask, refuse_raw, without_blanks
-from celnav.detection import Detections, detect
+from celnav.detection import FAINT_STARS, DetectionConfig, detect
+from celnav.detections import Detections
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Fix, Reason
 from celnav.position import usual_weather
@@ -115,7 +116,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     else:
         lens = told
         with clock.stage("detection"):
-            detections = detect(image, mask)
+            detections = detect(image, mask, DetectionConfig(faint_stars=FAINT_STARS))
     with clock.stage("solving"):
         fix = solve(
             detections,
@@ -130,8 +131,9 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             time_limit_s=arguments.time_limit_s,
             sigmas=sigmas,
         )
-        fix = _with_hint_of_a_mirror(fix, detections, lens.camera, moment.utc, arguments.time_limit_s)
-        fix = _with_hint_of_other_lens(fix, lens, detections)
+        stars = detections.without_faint()
+        fix = _with_hint_of_a_mirror(fix, stars, lens.camera, moment.utc, arguments.time_limit_s)
+        fix = _with_hint_of_other_lens(fix, lens, stars)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
         wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"

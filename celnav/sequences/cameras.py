@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from celnav.attitude import ROTATION_TOLERANCE, Attitude, as_attitude
 from celnav.camera import Camera
 from celnav.checking import finite_number, real_array
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import AttitudeError, ConfigError
 from celnav.fix import Fix, Reason
 from celnav.position import Weather

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.attitude import Attitude
 from celnav.camera import Camera
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.fix import Fix, Reason
 from celnav.horizon import honest_place
 from celnav.position import Weather

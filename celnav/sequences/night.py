@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
 from celnav.checking import finite_number, shown
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import ConfigError
 from celnav.fix import Estimate, Fix, Reason
 from celnav.horizon import heading_contradicts, honest_place, horizontal_frame

@@ -11,7 +11,7 @@ from narrow_frames import PLACE, SIZE, UTC, NarrowCamera
 import celnav
 from celnav.calibrating.calibrate import calibrate
 from celnav.calibrating.frames import CalibrationFrame
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import CalibrationError
 from celnav.identification.effort import Effort
 from celnav.identification.search_config import SearchConfig

@@ -19,7 +19,7 @@ from celnav.calibrating.mount import mean_rotation, turned, turns_deg
 from celnav.calibrating.scatter.noise import measure_noise
 from celnav.calibrating.verdict import report, verdict
 from celnav.command.pointing import Pointing
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import CalibrationError, CameraError, ConfigError
 from celnav.sky.utc import parse_utc
 

@@ -11,7 +11,7 @@ import pytest
 import celnav
 from celnav.calibrating import all_frames, blind_start, joint_fit
 from celnav.calibrating.frames import CalibrationFrame, Site, sky_over
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import CalibrationError, CameraError
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import Weather

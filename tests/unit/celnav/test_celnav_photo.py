@@ -16,7 +16,7 @@ from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
 from celnav.command.solving import MIRRORED, _Lens, _of_attitude, _with_hint_of_other_lens
 from celnav.detecting.image_file import refuse_raw
-from celnav.detection import Detections
+from celnav.detections import Detections
 from celnav.errors import CameraError, ImageError, TimeError
 from celnav.fix import Fix, Reason
 

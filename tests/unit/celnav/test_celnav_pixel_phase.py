@@ -15,7 +15,7 @@ from celnav.calibrating.frames import CalibrationFrame
 from celnav.calibrating.lens_form import LensForm
 from celnav.calibrating.scatter.pixel_phase import FEWEST_PIXELS, MOST_CHANCE, PixelPhase, measure_pixel_phase
 from celnav.calibrating.verdict import report, verdict
-from celnav.detection import Detections
+from celnav.detections import Detections
 
 SIZE = (1200, 900)
 LENS = (330.0, 612.0, 441.0, -0.012, 0.004, 0.0, 0.0)
