@@ -21,8 +21,8 @@ from celnav.detection import FAINT_STARS, DetectionConfig, detect
 from celnav.detections import Detections
 from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
-from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
+from celnav.matching.history import History
 from celnav.position import PositionConfig, Weather, fix_position, usual_weather
 from celnav.problem import LastKnown, ToldSigmas
 from celnav.sequences.track import Track, TrackConfig, TrackPoint

@@ -17,7 +17,7 @@ from celnav.camera import Camera
 from celnav.checking import bounded, check_fields, finite_number
 from celnav.errors import ConfigError
 from celnav.fix import Fix
-from celnav.history import History
+from celnav.matching.history import History
 from celnav.matching.protocol import Observation
 from celnav.position import Weather
 from celnav.sky.utc import Utc

@@ -15,7 +15,6 @@ from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
 from celnav.field_stars import Start, aberrated, describe, paired_at, pairing_radius, visible_stars
 from celnav.fix import Estimate, Fix, Reason
-from celnav.history import History
 from celnav.horizon import Place, distance_km, heading_contradicts, honest_place, horizontal_frame
 from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
@@ -25,6 +24,7 @@ from celnav.identification.prepared import LOWEST_ALTITUDE_DEG, Prepared, prepar
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
+from celnav.matching.history import History
 from celnav.position import refracting
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial

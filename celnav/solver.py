@@ -15,7 +15,6 @@ from celnav.checking import shown
 from celnav.detections import Detections, as_detections
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Fix, Reason
-from celnav.history import History
 from celnav.matching import (
     BRIGHTEST_N,
     THESIS_ADAPTIVE,
@@ -29,6 +28,7 @@ from celnav.matching import (
     Matcher,
     Observation,
 )
+from celnav.matching.history import History
 from celnav.position import PositionConfig, Weather, fix_position
 from celnav.problem import LastKnown, Problem, Solver, Stopwatch, ToldSigmas, check_time_limit
 from celnav.sky.utc import Utc, parse_utc

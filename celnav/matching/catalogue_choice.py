@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.history import History
+from celnav.matching.history import History
 from celnav.matching.patterns import Patterns
 from celnav.matching.thesis_config import DdrConfig
 

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from celnav.cache import cached, digest
 from celnav.checking import bounded, check_fields
 from celnav.fix import Reason
-from celnav.history import History
 from celnav.matching.confirmation import keep_mutually_nearest, log10_chance
+from celnav.matching.history import History
 from celnav.matching.patterns import (
     MAX_LIMIT_DECIMAG,
     PatternConfig,

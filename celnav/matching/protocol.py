@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from celnav.camera import Camera
 from celnav.fix import Reason
-from celnav.history import History
+from celnav.matching.history import History
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from celnav.errors import AttitudeError
 from celnav.fix import Reason
-from celnav.history import History
 from celnav.matching.catalogue_choice import CatalogueChoice, choose_catalogues
 from celnav.matching.confirmation import Alignment, align, compare_differences
+from celnav.matching.history import History
 from celnav.matching.patterns import Patterns, bearings, load_patterns, separations
 from celnav.matching.polar import smallest_determinant
 from celnav.matching.protocol import Identification, Observation

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from celnav.errors import ConfigError
-from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.matching.confirmation import align, log10_chance
+from celnav.matching.history import History
 from celnav.matching.patterns import PatternConfig, bearings, build_patterns, load_patterns, separations
 
 

@@ -8,7 +8,6 @@ import pytest
 
 import celnav
 from celnav.errors import AttitudeError, ConfigError
-from celnav.history import History
 from celnav.matching import (
     BRIGHTEST_N,
     EXTENDED_PATTERNS,
@@ -26,6 +25,7 @@ from celnav.matching import (
 )
 from celnav.matching.catalogue_choice import choose_catalogues, nearest_density, observed_density
 from celnav.matching.confirmation import compare_differences
+from celnav.matching.history import History
 from celnav.matching.patterns import build_patterns, load_patterns, separations
 from celnav.matching.polar import latitudes_of_star, position_determinant, smallest_determinant
 from celnav.matching.votes import count_votes, similarities
