@@ -1,13 +1,16 @@
 """Stars below the threshold: they follow where few stand out, and a solver uses them only where it refuses the others."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from calibration_sky import LAT_DEG, LON_DEG, apparent_stars, perspective_positions
+from PIL import Image
 from star_images import add_star
 
 import celnav
+from celnav.cli import main
 from celnav.command.pointing import Pointing
 from celnav.errors import ConfigError, DetectionError
 
@@ -96,6 +99,21 @@ def test_a_frame_that_is_solved_without_them_is_solved_without_them():
     assert first.ok
     assert (second.lat_deg, second.lon_deg) == (first.lat_deg, first.lon_deg)
     assert second.matches.tolist() == first.matches.tolist()
+
+
+def test_the_command_line_uses_them_and_counts_them_apart(tmp_path, capsys):
+    image, _ = faint_sky(np.random.default_rng([3, 0]))
+    found = celnav.detect(image, config=FAINT)
+    Image.fromarray(image).save(tmp_path / "faint.png")
+    (tmp_path / "camera.json").write_text(json.dumps(CAMERA.to_dict()))
+    told = ["solve", str(tmp_path / "faint.png"), "--camera", str(tmp_path / "camera.json"), "--utc", UTC]
+    told += ["--attitude", "azimuth=130,altitude=60,roll=5"]
+    assert main(told) == 0
+    n = len(found) - found.n_faint
+    assert f"identified of {n} detected and {found.n_faint} fainter than the threshold" in capsys.readouterr().out
+    assert main([*told, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["n_detections"], answer["n_faint_detections"]) == (len(found), found.n_faint)
 
 
 def test_the_time_limit_holds_for_both_searches():
