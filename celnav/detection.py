@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,6 +70,8 @@ _TILE_OVER_SIGMA = 24
 # value at a significance of the second.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
 _COMPACT_VARIANCE, _WIDER_THAN_GUESSED = 4.0, 1.1
+# Peaks that are measured for each faint detection wanted: some are unlike stars.
+_TRIED_FAINT = 3
 FAINT_STARS = 60
 """Enough for an identification with a known attitude where no star stands out; for `DetectionConfig.faint_stars`."""
 
@@ -167,21 +170,39 @@ def detect(
         return Detections(*flood_fill(image, mask, config))
     if not isinstance(config, DetectionConfig):
         raise ConfigError(f"config = {shown(config)} must be a celnav.DetectionConfig or a FloodFillConfig")
-    found = _by_matched_filter(image, mask, config)
-    if len(found) >= config.faint_stars:
-        return found
-    lower = replace(config, seed_sigma=config.grow_sigma)
-    return found.followed_by(_by_matched_filter(image, mask, lower), config.faint_stars)
-
-
-def _by_matched_filter(image: ArrayLike, mask: ArrayLike | None, config: DetectionConfig) -> Detections:
-    """Find the stars above the threshold."""
     original = as_image(image)
+    filtered = _filter(original, mask, config)
+    if filtered is None:
+        return Detections(np.empty((0, 2)), np.empty(0), original.shape[:2], np.empty(0))
+    stars = _measure(filtered, filtered.found.peaks, config.seed_sigma, config)
+    if len(stars) >= config.faint_stars:
+        return stars
+    fainter = filtered.found.peaks_above(config.grow_sigma, len(stars) + _TRIED_FAINT * config.faint_stars)
+    return stars.followed_by(_measure(filtered, fainter, config.grow_sigma, config), config.faint_stars)
+
+
+@dataclass(frozen=True, eq=False)
+class _FilteredSky:
+    """An image without its background, the noise of its pixels, the shape of its stars, and what a search for them found.
+
+    `guessed` tells that nothing is known of the shape; `gain_e_per_unit` is in electrons per unit of the image.
+    """
+
+    light: F4
+    noise: NoiseMap
+    cores: Cores
+    shape: StarShape
+    guessed: bool
+    gain_e_per_unit: float
+    found: _Found
+
+
+def _filter(original: NDArray[np.generic], mask: ArrayLike | None, config: DetectionConfig) -> _FilteredSky | None:
+    """Prepare an image and filter it for stars of the shape that they have in it; None if nothing is bright."""
     pixels = grey(original)
     used = used_pixels(pixels, mask)
-    nothing = Detections(np.empty((0, 2)), np.empty(0), pixels.shape, np.empty(0))
     if not (all_true(used) or used.any()):
-        return nothing
+        return None
     tiles = Tiles.of((pixels.shape[0], pixels.shape[1]), config.tile_px)
     if (blank := blank_border(pixels, tiles)) is not None:
         used = used & ~blank
@@ -197,7 +218,7 @@ def _by_matched_filter(image: ArrayLike, mask: ArrayLike | None, config: Detecti
     light = pixels
     highest = take_off(light, background, used)
     if highest <= 0:
-        return nothing
+        return None
     floor = max(step, 1.0)
     if not of_whole_numbers:
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * largest)
@@ -227,9 +248,7 @@ def _by_matched_filter(image: ArrayLike, mask: ArrayLike | None, config: Detecti
     if not known:
         # Streaks fall apart under a filter for point sources, so the shape is measured again on the stars found with it.
         for _ in range(_SHAPE_ROUNDS):
-            measured = shape_of_components(
-                light, found.noise, found.parts, found.part_of_peak, cores, config.max_area_px
-            )
+            measured = shape_of_components(light, found.noise, found.parts, found.peaks.part, cores, config.max_area_px)
             if measured is None:
                 break
             filtered_by, shape = shape.filter_sigma_px, measured
@@ -240,21 +259,26 @@ def _by_matched_filter(image: ArrayLike, mask: ArrayLike | None, config: Detecti
             found = _search(light, noise, used, shape, config, found.parts if alike else None)
             if alike:
                 break
-    kept = np.ones(len(found.uv), dtype=bool)
-    if config.trail_length_px is not None:
-        of_trail = trails(found.parts, found.filtered.amplitude, shape, cores, config.trail_length_px)
-        kept = ~np.isin(found.part_of_peak, of_trail)
-    uv, amplitude, sigma_amplitude = found.uv[kept], found.amplitude[kept], found.sigma_amplitude[kept]
-    uv = uv[without_flanks(uv, amplitude, sigma_amplitude, config.seed_sigma, shape, cores)]
     gain = config.gain_e_per_dn
     if gain is None:
         gain = max(typical(background, used), 1e-6) / usual_noise**2
+    return _FilteredSky(light, noise, cores, shape, not known and shape is first_guess, gain, found)
+
+
+def _measure(sky: _FilteredSky, peaks: _Peaks, seed_sigma: float, config: DetectionConfig) -> Detections:
+    """Measure the peaks above a threshold, and reject those unlike stars."""
+    found, light, shape, gain = sky.found, sky.light, sky.shape, sky.gain_e_per_unit
+    kept = np.ones(len(peaks.uv), dtype=bool)
+    if config.trail_length_px is not None:
+        of_trail = trails(found.parts, found.filtered.amplitude, shape, sky.cores, config.trail_length_px)
+        kept = ~np.isin(peaks.part, of_trail)
+    uv, amplitude, sigma_amplitude = peaks.uv[kept], peaks.amplitude[kept], peaks.sigma_amplitude[kept]
+    uv = uv[without_flanks(uv, amplitude, sigma_amplitude, seed_sigma, shape, sky.cores)]
     covariance = shape.at(uv)
-    stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
-    guessed = not known and shape is first_guess
-    like_stars = _like_stars(stars, covariance, guessed)
+    stars = measure_stars(light, found.noise, uv, covariance, gain, sky.noise)
+    like_stars = _like_stars(stars, covariance, sky.guessed)
     stars, streaks = by_ends(light, found.noise, stars, covariance, gain)
-    cored = _saturated_stars(light, cores, shape, config)
+    cored = _saturated_stars(light, sky.cores, shape, config)
     uv, flux, sigma_px = (
         np.concatenate((core, star[like_stars]))
         for core, star in zip(cored, (stars.uv, stars.flux, stars.sigma_px), strict=True)
@@ -264,7 +288,7 @@ def _by_matched_filter(image: ArrayLike, mask: ArrayLike | None, config: Detecti
     if streaks is not None:
         ends = np.concatenate((np.zeros((len(cored[0]), 2)), streaks.ends[like_stars]))[order]
         across = np.concatenate((cored[2], streaks.sigma_across[like_stars]))[order]
-    return Detections(uv[order], flux[order], pixels.shape, sigma_px[order], ends, across)
+    return Detections(uv[order], flux[order], light.shape, sigma_px[order], ends, across)
 
 
 def _given_shape(config: DetectionConfig, size: tuple[int, ...]) -> StarShape:
@@ -274,20 +298,33 @@ def _given_shape(config: DetectionConfig, size: tuple[int, ...]) -> StarShape:
     return StarShape.constant(variance + du * du / 12, du * dv / 12, variance + dv * dv / 12, (size[0], size[1]))
 
 
+class _Peaks(NamedTuple):
+    """Peaks of the filtered image, brightest first: positions, amplitudes with their noise, and the component of each."""
+
+    uv: F8
+    amplitude: F8
+    sigma_amplitude: F8
+    part: NDArray[np.int32]
+
+
 @dataclass(frozen=True, eq=False)
 class _Found:
     """The filtered image with its components and peaks, and the white pixel noise equivalent to its own noise.
 
-    Peaks are sorted brightest first; `part_of_peak` holds the component that each is in.
+    `at` holds the flat indices of the pixels above the lower threshold, and `significance` their standard deviations.
     """
 
     filtered: Filtered
     noise: NoiseMap
+    used: Mask
     parts: Components
-    uv: F8
-    amplitude: F8
-    sigma_amplitude: F8
-    part_of_peak: NDArray[np.int32]
+    at: NDArray[np.intp]
+    significance: F4
+    peaks: _Peaks
+
+    def peaks_above(self, sigma: float, most: int) -> _Peaks:
+        """Return the brightest peaks above a lower threshold."""
+        return _peaks(self.filtered, self.noise, self.at[self.significance > sigma], self.used, self.parts, most)
 
 
 def _search(
@@ -309,8 +346,20 @@ def _search(
     seeded = significance > config.seed_sigma
     if parts is None:
         parts = components(light, at, seeded)
-    uv, amplitude, sigma = peaks(filtered, effective, at[seeded], used)
-    return _Found(filtered, effective, parts, uv, amplitude, sigma, parts.holding(uv))
+    seeds = _peaks(filtered, effective, at[seeded], used, parts)
+    return _Found(filtered, effective, used, parts, at, significance, seeds)
+
+
+def _peaks(
+    filtered: Filtered,
+    noise: NoiseMap,
+    above: NDArray[np.intp],
+    used: Mask,
+    parts: Components,
+    most: int | None = None,
+) -> _Peaks:
+    uv, amplitude, sigma = (x[:most] for x in peaks(filtered, noise, above, used))
+    return _Peaks(uv, amplitude, sigma, parts.holding(uv))
 
 
 def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[NDArray[np.intp], F4]:

@@ -11,7 +11,6 @@ from celnav.checking import real_array
 from celnav.errors import DetectionError
 
 F8 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # A star that is found again, with a star shape measured again, is at most so far from its first position, pixels.
 _SAME_STAR_PX = 4.0

@@ -144,6 +144,8 @@ class Problem:
         Stated standard deviations of time, lens and air.
     turn_rad : ndarray, shape (3,), or None
         Rotation vector of the sky in the camera frame during the exposure, in either sense, if streaks reveal it.
+    effort : float
+        Fraction of the solver's bound on effort that this search may take, where the solver has one.
     """
 
     observation: Observation
@@ -155,6 +157,7 @@ class Problem:
     time_limit_s: float | None = None
     sigmas: ToldSigmas = field(default_factory=ToldSigmas)
     turn_rad: NDArray[np.float64] | None = None
+    effort: float = 1.0
 
 
 def check_time_limit(time_limit_s: float) -> None:

@@ -153,7 +153,7 @@ class SkybenchSolver:
         with clock.stage("identify"):
             factors = () if self.config.calibrate == "none" else self.config.focal_factors
             factors = problem.sigmas.focal_factors(factors, problem.observation.camera)
-            effort = Effort(self.config.max_work, clock.started_s + self._time_limit_s(problem))
+            effort = Effort(round(problem.effort * self.config.max_work), clock.started_s + self._time_limit_s(problem))
             found = identify_at_focal_lengths(
                 prepared.question,
                 sky_index_for(prepared.question.solid_angle_sr),

@@ -151,7 +151,7 @@ class _Search:
         Alignment or None, ndarray
             The accepted hypothesis, with rows of the question, and the rows that verified it.
         """
-        question, orders = self.question, self._orders()
+        orders = self._orders()
         limit, begun = self.effort.limit, self.effort.work
         for number, order in enumerate(orders):
             last = number == len(orders) - 1
@@ -160,7 +160,7 @@ class _Search:
             for batch in self._batches(order):
                 if not self.effort.affords(self._work(batch, order)):
                     break
-                found = self._judge(batch, order, question.searches * len(orders))
+                found = self._judge(batch, order, self.question.searches * len(orders))
                 if found is not None:
                     # Convert to rows of the detections, whatever the order in which they were tried.
                     return replace(found, detection=order.rows[found.detection]), order.rows[: self.config.verified]

@@ -124,6 +124,19 @@ def test_the_time_limit_holds_for_both_searches():
     assert not celnav.solve(found, CAMERA, UTC, ATTITUDE, time_limit_s=1e-9).ok
 
 
+def test_the_second_search_has_an_eighth_of_the_effort():
+    seen = []
+
+    def refuses(problem, history, clock):
+        seen.append((len(problem.observation.uv), problem.effort))
+        return celnav.Fix.refusal(celnav.Reason.NO_HYPOTHESIS, "none")
+
+    image, _ = faint_sky(np.random.default_rng([3, 0]))
+    found = celnav.detect(image, config=FAINT)
+    assert not celnav.solve(found, CAMERA, UTC, ATTITUDE, solver=refuses).ok
+    assert seen == [(len(found) - found.n_faint, 1.0), (len(found), 0.125)]
+
+
 def test_streaks_and_points_are_joined():
     """Where only the faint ones have streaks, the others have streaks of no length and their own standard deviation."""
     stars = celnav.Detections(np.array([[10.0, 10.0]]), np.array([9.0]), (50, 50), np.array([0.1]))
