@@ -22,8 +22,9 @@ from benchmark.report.site.tree import read_tree
 from benchmark.rounds.private_frames import LATER
 
 ROOT = Path(__file__).parents[1]
-LATEST = "open-sky-2026-11m"
+LATEST = "open-sky-2026-11o"
 EARLIER = (
+    "open-sky-2026-11m",
     "open-sky-2026-11l",
     "open-sky-2026-11i",
     "open-sky-2026-11h",
