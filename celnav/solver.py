@@ -119,7 +119,7 @@ SOLVERS: MappingProxyType[str, Solver] = MappingProxyType(
 _EXACT = ToldSigmas()
 # What a solver refuses for these reasons it may solve with more stars.
 _HELPED_BY_MORE = {Reason.TOO_FEW_DETECTIONS, Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT, Reason.AMBIGUOUS}
-# Effort of that second search. It finds what it ever finds in an eighth of the usual effort, and refuses in an eighth.
+# Effort of that second search: it solves nearly all that it would solve with the whole (docs/solver.md, faint stars).
 _EFFORT_WITH_MORE = 0.125
 
 

@@ -119,7 +119,9 @@ def test_the_program_of_the_page_answers_as_the_benchmarks_own_solver(tmp_path):
         listed = [star for star in stars if star["frame_id"] == row["frame_id"]]
         # Two processes may add in different orders, which moves peaks of noise by some millionths of a pixel.
         places = np.array([(float(star["u_px"]), float(star["v_px"])) for star in listed]).reshape(-1, 2)
-        np.testing.assert_allclose(places, found.uv, atol=1e-4)
+        stars_above = len(found) - found.n_faint
+        np.testing.assert_allclose(places[:stars_above], found.uv[:stars_above], atol=1e-6)
+        np.testing.assert_allclose(places[stars_above:], found.uv[stars_above:], atol=1e-5)
         assert row["status"] == ("fix" if own.ok else "refused")
         if not own.ok:
             refused += 1
