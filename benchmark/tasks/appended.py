@@ -6,27 +6,29 @@ conditions changes no earlier frame. The hash of a definition tells whether it i
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import yaml
 
 from benchmark.tasks.definition import FEWEST_VALUES, Task, meaning_sha256
 
-_SWEEP = "sweep"
+_SWEEP, _ZIP, _NOT_GIVEN = "sweep", "zip", "null"
 
 
 def earlier_definitions(task: Task) -> dict[str, int]:
     """Hashes of a task's definition without its last conditions, each with the number of conditions that it had.
 
-    What is equal in all remaining conditions may have been one value instead of a list.
+    What is equal in all remaining conditions may have been one value instead of a list, what is null in all of them may
+    have been left out, and a sweep that remains alone on its axis may have had no name for it.
     """
     if task.sequence_length > 1:
         return {}  # graded by the number of frames so far, so no condition is appended
     n = len(task.definition.condition.values)
-    return {_sha256_of_first(task, count): count for count in range(FEWEST_VALUES, n)}
+    return {sha256: count for count in range(FEWEST_VALUES, n) for sha256 in _sha256_of_first(task, count)}
 
 
-def _sha256_of_first(task: Task, count: int) -> str:
+def _sha256_of_first(task: Task, count: int) -> tuple[str, str]:
     n = len(task.definition.condition.values)
     definition, scenario = (
         yaml.load(text, Loader=yaml.BaseLoader) for text in (task.definition_text, task.scenario_text)
@@ -35,7 +37,8 @@ def _sha256_of_first(task: Task, count: int) -> str:
     if "instruments" in definition:
         told = definition["instruments"]
         definition["instruments"] = {key: _first(given, n, count) for key, given in told.items()}
-    return meaning_sha256(definition, _swept(scenario, n, count))
+    left = _swept(scenario, n, count)
+    return meaning_sha256(definition, left), meaning_sha256(definition, _without_lone_axes(left))
 
 
 def _first(given: Any, n: int, count: int) -> Any:
@@ -47,7 +50,7 @@ def _first(given: Any, n: int, count: int) -> Any:
 
 
 def _swept(tree: Any, n: int, count: int) -> Any:
-    """Truncate the sweeps in a scenario's tree."""
+    """Truncate the sweeps in a scenario's tree, and leave out the keys that are null then."""
     if isinstance(tree, list):
         return [_swept(value, n, count) for value in tree]
     if not isinstance(tree, dict):
@@ -55,4 +58,29 @@ def _swept(tree: Any, n: int, count: int) -> Any:
     if _SWEEP in tree:
         left = _first(tree[_SWEEP], n, count)
         return tree | {_SWEEP: left} if isinstance(left, list) else left
-    return {key: _swept(value, n, count) for key, value in tree.items()}
+    truncated = ((key, value, _swept(value, n, count)) for key, value in tree.items())
+    return {key: left for key, value, left in truncated if left == value or left != _NOT_GIVEN}
+
+
+def _without_lone_axes(tree: Any) -> Any:
+    """Remove the names of axes on which a scenario's tree has one sweep."""
+    counts = Counter(sweep.get(_ZIP) for sweep in _sweeps(tree))
+    return _renamed(tree, {name for name, count in counts.items() if count == 1})
+
+
+def _sweeps(tree: Any) -> list[dict[str, Any]]:
+    if isinstance(tree, dict):
+        return [tree] if _SWEEP in tree else [sweep for value in tree.values() for sweep in _sweeps(value)]
+    return [sweep for value in tree for sweep in _sweeps(value)] if isinstance(tree, list) else []
+
+
+def _renamed(tree: Any, lone: set[str | None]) -> Any:
+    if isinstance(tree, list):
+        return [_renamed(value, lone) for value in tree]
+    if not isinstance(tree, dict):
+        return tree
+    return {
+        key: _renamed(value, lone)
+        for key, value in tree.items()
+        if not (key == _ZIP and _SWEEP in tree and value in lone)
+    }

@@ -106,7 +106,9 @@ def test_another_revision_of_the_solver_does_not_complete_them(solved, out):
     assert (out / LISTING).read_bytes() == before
 
 
-def write_task(folder, values: str, tilt: str = "0.01", heading: str = "0.2", disk: str = "0", support: str = "10"):
+def write_task(
+    folder, values: str, tilt: str = "0.01", heading: str = "0.2", disk: str = "0", support: str = "10", sky: str = ""
+):
     """A small task."""
     folder.mkdir()
     (folder / "small.task.yaml").write_text(
@@ -133,6 +135,7 @@ camera:
   hfov_deg: 60
   aperture_mm: 4
   psf: {{gaussian_sigma_px: 0.6, support_px: {support}, defocus_disk_px: {disk}}}
+sky: {{{sky}}}
 """
     )
     return load_task("small", folder)
@@ -147,11 +150,25 @@ def test_a_swept_task_is_known_without_its_last_conditions(tmp_path):
     before = write_task(tmp_path / "before", few, disk=swept(few))
     after = write_task(tmp_path / "after", many, disk=swept(many), support=swept("[10, 10, 10, 10, 12, 14]"))
     assert earlier_definitions(after)[before.sha256] == 4
-    assert sorted(earlier_definitions(after).values()) == [3, 4, 5]
+    assert set(earlier_definitions(after).values()) == {3, 4, 5}
     # The frames that were there are drawn as they were.
     mine, its = before.scenario_of("dev"), after.scenario_of("dev")
     assert (mine.frame_count, its.frame_count) == (40, 60)
     assert [its.frame(index) for index in (0, 17, 39)] == [mine.frame(index) for index in (0, 17, 39)]
+
+
+def test_a_task_whose_new_conditions_are_graded_by_another_key_is_known_without_them(tmp_path):
+    named = swept("[null, null, null, 16, 15.5]")
+    before = write_task(tmp_path / "before", "[7, 8, 9]", sky="bortle: {sweep: [7, 8, 9]}")
+    after = write_task(
+        tmp_path / "after",
+        "[7, 8, 9, 10, 11]",
+        sky=f"bortle: {swept('[7, 8, 9, null, null]')}, zenith_mag_arcsec2: {named}",
+    )
+    assert earlier_definitions(after)[before.sha256] == 3
+    mine, its = before.scenario_of("dev"), after.scenario_of("dev")
+    assert [its.frame(index) for index in (0, 17, 29)] == [mine.frame(index) for index in (0, 17, 29)]
+    assert its.frame(30).sky.zenith_mag_arcsec2 == 16
 
 
 def test_a_task_graded_by_what_is_told_is_known_without_its_last_conditions(tmp_path):
