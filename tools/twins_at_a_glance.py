@@ -26,7 +26,7 @@ class Bar:
     ratio : callable
         The ratio, from a photograph's cells in each of the three tables.
     low, high : float
-        The range, inclusive, of the ratio rounded to two digits.
+        The range, inclusive.
     dark : float
         Half-width of the range about 1 on dark, cloudless nights; that of `low` and `high` where it is not given.
     """
@@ -39,7 +39,7 @@ class Bar:
 
     def kept(self, ratio: float, is_dark: bool) -> bool:
         low, high = (1 - self.dark, 1 + self.dark) if is_dark and self.dark is not None else (self.low, self.high)
-        return low - 1e-9 <= round(ratio, 2) <= high + 1e-9
+        return low - 1e-9 <= ratio <= high + 1e-9
 
 
 def numbers(cell: str) -> list[float]:
@@ -61,8 +61,13 @@ def detections(column: int) -> Callable[[Sequence[Cells]], float]:
 
 
 def false(column: int) -> Callable[[Sequence[Cells]], float]:
-    """Ratio of the percentages in two neighbouring columns of the second table."""
-    return lambda tables: numbers(tables[1][column])[0] / numbers(tables[1][column + 1])[0]
+    """Ratio of the percentages in two neighbouring columns of the second table; infinite where the twin has none."""
+
+    def ratio(tables: Sequence[Cells]) -> float:
+        real, twin = (numbers(tables[1][column + k])[0] for k in (0, 1))
+        return real / twin if twin else math.inf if real else 1.0
+
+    return ratio
 
 
 BARS = (
