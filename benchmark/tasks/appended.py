@@ -29,6 +29,7 @@ def earlier_definitions(task: Task) -> dict[str, int]:
 
 
 def _sha256_of_first(task: Task, count: int) -> tuple[str, str]:
+    """Hashes of a task's definition with its first `count` conditions, with and without names of axes that one sweep is on."""
     n = len(task.definition.condition.values)
     definition, scenario = (
         yaml.load(text, Loader=yaml.BaseLoader) for text in (task.definition_text, task.scenario_text)
@@ -65,7 +66,7 @@ def _swept(tree: Any, n: int, count: int) -> Any:
 def _without_lone_axes(tree: Any) -> Any:
     """Remove the names of axes on which a scenario's tree has one sweep."""
     counts = Counter(sweep.get(_ZIP) for sweep in _sweeps(tree))
-    return _renamed(tree, {name for name, count in counts.items() if count == 1})
+    return _nameless(tree, {name for name, count in counts.items() if count == 1})
 
 
 def _sweeps(tree: Any) -> list[dict[str, Any]]:
@@ -74,13 +75,14 @@ def _sweeps(tree: Any) -> list[dict[str, Any]]:
     return [sweep for value in tree for sweep in _sweeps(value)] if isinstance(tree, list) else []
 
 
-def _renamed(tree: Any, lone: set[str | None]) -> Any:
+def _nameless(tree: Any, lone: set[str | None]) -> Any:
+    """Remove these names from the sweeps in a scenario's tree."""
     if isinstance(tree, list):
-        return [_renamed(value, lone) for value in tree]
+        return [_nameless(value, lone) for value in tree]
     if not isinstance(tree, dict):
         return tree
     return {
-        key: _renamed(value, lone)
+        key: _nameless(value, lone)
         for key, value in tree.items()
         if not (key == _ZIP and _SWEEP in tree and value in lone)
     }
