@@ -29,7 +29,7 @@ def earlier_definitions(task: Task) -> dict[str, int]:
 
 
 def _sha256_of_first(task: Task, count: int) -> tuple[str, str]:
-    """Hashes of a task's definition with its first `count` conditions, with and without names of axes that one sweep is on."""
+    """Hashes of a task's definition with its first `count` conditions, with and without names of axes of one sweep."""
     n = len(task.definition.condition.values)
     definition, scenario = (
         yaml.load(text, Loader=yaml.BaseLoader) for text in (task.definition_text, task.scenario_text)
