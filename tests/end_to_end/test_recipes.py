@@ -103,6 +103,18 @@ def test_every_step_of_the_recipe_works(path: Path, copy: Path) -> None:
             assert [line for line in step.text.splitlines() if line not in printed] == []
 
 
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_every_edit_of_the_recipe_fits_its_file(path: Path) -> None:
+    texts: dict[str, str] = {}
+    for step in steps_of(path.read_text(encoding="utf-8")):
+        if step.kind == "file":
+            texts[step.path] = step.text
+        elif step.kind == "diff":
+            before = texts.get(step.path) or (ROOT / step.path).read_text(encoding="utf-8")
+            texts[step.path] = edited(before, step.text)
+            assert texts[step.path] != before
+
+
 def test_the_recipes_are_those_that_contributing_names() -> None:
     named = re.findall(r"\((docs/contributing/\w+\.md)\)", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
     assert sorted(set(named)) == [path.relative_to(ROOT).as_posix() for path in RECIPES]
