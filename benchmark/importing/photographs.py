@@ -220,6 +220,24 @@ def read_photograph(path: Path, clock: Clock) -> Photograph:
         raise PhotographError(str(error).removeprefix("image ")) from error
 
 
+def check_tagged_times(files: Sequence[Path], clock: Clock) -> None:
+    """Refuse files whose tags and the caller do not tell their time, before any file is decoded.
+
+    Headers of FITS files, which may be packed, are checked when the files are read.
+
+    Raises
+    ------
+    PhotographError
+        As for `read_photograph`.
+    """
+    for path in files:
+        try:
+            if not is_fits(path):
+                _tagged_time(path, clock)
+        except celnav.CelnavError as error:
+            raise PhotographError(str(error).removeprefix("image ")) from error
+
+
 def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], int, float, float]:
     """Convert an image's values to DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
 

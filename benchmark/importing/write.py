@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from benchmark.errors import PhotographError
 from benchmark.importing.known_sky import FAINTEST_MAG, KnownSky, known_sky
-from benchmark.importing.photographs import Clock, Photograph, file_sha256, read_photograph
+from benchmark.importing.photographs import Clock, Photograph, check_tagged_times, file_sha256, read_photograph
 from benchmark.importing.star_truth import Pointing, find_pointing, star_rows
 from benchmark.importing.told import ToldCamera, camera_object
 from benchmark.place import Place
@@ -114,6 +114,7 @@ def import_photographs(
         if path.resolve().parent == out.resolve():
             raise PhotographError(f"{out}: holds the photographs themselves ({path.name}, …); choose another folder")
     hashes = [file_sha256(path) for path in given.photographs]
+    check_tagged_times(given.photographs, given.clock)
     identity = _identity(given, hashes)
     if _there(out, identity, overwrite):
         return []

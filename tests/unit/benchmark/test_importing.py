@@ -36,6 +36,7 @@ from benchmark.importing.known_sky import known_sky
 from benchmark.importing.photographs import (
     Clock,
     check_names,
+    check_tagged_times,
     photographs_in,
     read_photograph,
     read_times,
@@ -235,6 +236,17 @@ def test_times_and_exposures_that_are_missing_have_a_remedy(tmp_path: Path) -> N
     assert read_photograph(bare, Clock(exposure_s=4.0)).utc_mid == "2020-01-15T20:00:02Z"
     with pytest.raises(PhotographError, match=r"c.fits.*DATE-OBS"):
         read_photograph(write_fits(tmp_path / "c.fits", DATE_OBS=""), Clock())
+
+
+def test_a_file_without_a_time_is_found_before_any_is_imported(tmp_path: Path) -> None:
+    timed = write_jpeg(tmp_path / "a.jpg", "2020:01:15 21:00:00", "+01:00")
+    files = [timed, write_fits(tmp_path / "b.fits", DATE_OBS=""), write_jpeg(tmp_path / "z.jpg", None)]
+    seen: list[object] = []
+    with pytest.raises(PhotographError, match=r"z.jpg: has no tag DateTimeOriginal.*--times"):
+        import_photographs(Import("night", files, PLACE, TOLD), tmp_path / "out", progress=seen.append)
+    assert (seen, sorted((tmp_path / "out").glob("*"))) == ([], [])
+    # The header of a FITS file is read with its pixels: it is refused in its turn.
+    check_tagged_times(files[:2], Clock())
 
 
 def test_a_table_of_times_comes_before_tags(tmp_path: Path) -> None:
