@@ -17,8 +17,15 @@ from celnav.sky.utc import parse_utc
 LAT_DEG, LON_DEG = 34.5, -111.4
 
 
-def apparent_stars(utc: str, v_max: float, lat_deg: float = LAT_DEG, lon_deg: float = LON_DEG):
-    """East-north-up directions, refraction at 1010 hPa and 10 deg C included, and magnitudes of stars above 15 deg."""
+def apparent_stars(
+    utc: str,
+    v_max: float,
+    lat_deg: float = LAT_DEG,
+    lon_deg: float = LON_DEG,
+    hpa: float = 1010.0,
+    celsius: float = 10.0,
+):
+    """East-north-up directions, refraction in air of a pressure and a temperature included, and magnitudes above 15 deg."""
     stars = load_catalog()
     stars = stars.take(np.flatnonzero(stars.v_mag <= v_max))
     earth = earth_orientation(parse_utc(utc))
@@ -38,7 +45,7 @@ def apparent_stars(utc: str, v_max: float, lat_deg: float = LAT_DEG, lon_deg: fl
     azimuth, zenith, *_ = erfa.atco13(
         stars.ra_rad + pm_ra * years, stars.dec_rad + pm_dec * years, pm_ra, pm_dec,
         np.maximum(stars.parallax_mas / 1000, 1e-4), 0.0, jd1, jd2, earth.dut1_s, np.radians(lon_deg), np.radians(lat_deg),
-        0.0, earth.xp_arcsec * erfa.DAS2R, earth.yp_arcsec * erfa.DAS2R, 1010.0, 10.0, 0.5, 0.55,
+        0.0, earth.xp_arcsec * erfa.DAS2R, earth.yp_arcsec * erfa.DAS2R, hpa, celsius, 0.5, 0.55,
     )  # fmt: skip
     enu = np.column_stack((np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)))
     high = zenith < np.radians(75)

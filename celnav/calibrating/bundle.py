@@ -214,6 +214,11 @@ class _Normal:
         return np.asarray(np.linalg.inv(self._turn()))
 
     @property
+    def turn_alone(self) -> F8:
+        """Rotation of each attitude, shape (g, 3), that the residuals call for with the lens held fixed."""
+        return np.asarray(np.linalg.solve(self._turn(), self.of_turn[:, :, None])[:, :, 0])
+
+    @property
     def turn_by_lens(self) -> F8:
         """Rotation of each attitude per unit of each lens parameter."""
         return np.asarray(-np.linalg.solve(self._turn(), np.swapaxes(self.cross, 1, 2)))
@@ -270,15 +275,52 @@ def _linear(bundle: Bundle, seen: Observations, group: Rows) -> tuple[F8, F8, F8
     return seen.uv - predicted, np.nan_to_num(of_lens), np.nan_to_num(of_turn)
 
 
+def response(bundle: Bundle, seen: Observations, group: Rows, moved_px: F8) -> tuple[F8, F8]:
+    """Return how a fit follows when the measured positions move.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The fit.
+    seen : Observations
+        The n stars that it was fitted to.
+    group : ndarray, shape (n,)
+        Index of the attitude that each star belongs to.
+    moved_px : ndarray, shape (c, n, 2)
+        Shifts of the positions by each of c causes.
+
+    Returns
+    -------
+    lens : ndarray, shape (c, m)
+        Changes of the lens parameters, with the attitudes free.
+    turn : ndarray, shape (c, g, 3)
+        Rotations of the groups in the camera frame, radians, with the lens held fixed.
+    """
+    order = np.argsort(group, kind="stable")
+    seen, group = seen.take(order), group[order]
+    first = np.searchsorted(group, np.arange(len(bundle.rotations) + 1))
+    held, _ = _expected(bundle, np.zeros(len(bundle.values)))
+    _, of_lens, of_turn = _linear(bundle, seen, group)
+    weight = 1 / seen.sigma_px**2
+    normals = [_equations(of_lens, of_turn, weight, moved[order], first, held) for moved in moved_px]
+    lens = np.array([normal.step(0.0)[0] for normal in normals])
+    return lens, np.array([normal.turn_alone for normal in normals])
+
+
 def _normal(bundle: Bundle, seen: Observations, group: Rows, first: Rows, robust: bool, held: F8, begun: F8) -> _Normal:
     """Normal equations at a bundle; rows are sorted by group, and `first` holds the first row of each group."""
     residual, of_lens, of_turn = _linear(bundle, seen, group)
     weight = _weights(residual, seen.sigma_px, robust)
-    residual = np.nan_to_num(residual)
+    normal = _equations(of_lens, of_turn, weight, np.nan_to_num(residual), first, held)
+    return replace(normal, of_lens=normal.of_lens - held * (bundle.values - begun))
+
+
+def _equations(of_lens: F8, of_turn: F8, weight: F8, residual: F8, first: Rows, held: F8) -> _Normal:
+    """Normal equations of residuals, shape (n, 2), with the derivatives of `_linear`; `held` are weights of the lens."""
     weighted = of_lens * weight[:, None, None]
     m, n_groups = of_lens.shape[2], len(first) - 1
     lens = weighted.reshape(-1, m).T @ of_lens.reshape(-1, m) + np.diag(held)
-    gradient = weighted.reshape(-1, m).T @ residual.ravel() - held * (bundle.values - begun)
+    gradient = weighted.reshape(-1, m).T @ residual.ravel()
     turn, cross, turn_gradient = np.zeros((n_groups, 3, 3)), np.zeros((n_groups, m, 3)), np.zeros((n_groups, 3))
     for g in range(n_groups):
         part = slice(first[g], first[g + 1])

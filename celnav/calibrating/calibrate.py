@@ -19,6 +19,7 @@ from celnav.calibrating.joint_fit import Field, JointFit, refine
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, started
 from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of
+from celnav.calibrating.scatter.air import air_errors, relative_sigma
 from celnav.calibrating.scatter.residual_pattern import residual_pattern, star_cells
 from celnav.camera import Camera
 from celnav.checking import finite_number, shown
@@ -54,7 +55,8 @@ def calibrate(
     lat_deg, lon_deg : float
         Geodetic position of the camera; longitude is positive to the east.
     height_m, pressure_hpa, temperature_c : float
-        Height above sea level, and air for refraction; pressure and temperature follow from the height unless given.
+        Height above sea level, and air for refraction; pressure and temperature follow from the height unless given, and the
+        covariances then hold the scatter of the weather (`celnav.calibrating.scatter.air`).
     camera : Camera, optional
         A guess whose focal length is within 6 %, of the frames' size. Without one, field and projection law are searched for,
         with square pixels; if `fy_px` differs from `f_px`, the pixels are taken to be as oblong.
@@ -110,7 +112,10 @@ def calibrate(
     if len(np.unique(night)) < len(night) and (mount == "night" or (mount == "auto" and steady)):
         fit = _by_night(part, fit, night)
     left_out = [frame.name for i, frame in enumerate(frames) if i not in used]
-    return _described(part, fit, form, judged, night, left_out, steady)
+    air_sigma = relative_sigma(
+        site.weather, pressure_given=pressure_hpa is not None, temperature_given=temperature_c is not None
+    )
+    return _described(part, fit, form, judged, night, left_out, steady, air_sigma)
 
 
 def _check(frames: list[CalibrationFrame], mount: str, camera: Camera | None, form: LensForm | None) -> None:
@@ -154,6 +159,7 @@ def _described(
     night: Rows,
     left_out: list[str],
     steady: bool,
+    air_sigma: float,
 ) -> CameraCalibration:
     bundle = fit.bundle
     assert bundle.cov is not None
@@ -162,8 +168,10 @@ def _described(
     residual = fit.residual_px
     group = fit.group[fit.seen.frame]
     pattern = residual_pattern(fit.seen, residual, fit.bundle.size)
+    weather = field.skies[0].site.weather
+    air = air_errors(bundle, fit.seen, group, night[fit.seen.frame], weather, air_sigma)
     # The lens is held fixed: the attitude is used with the lens published with it, and their errors compensate each other.
-    cov_of_group = bundle.turn_cov * pattern.inflation
+    cov_of_group = bundle.turn_cov * pattern.inflation + air.turn_cov
     group_night = np.array([night[np.flatnonzero(fit.group == g)[0]] for g in range(len(bundle.rotations))])
     weight = 1 / fit.seen.sigma_px**2
     square = (residual**2).sum(axis=1) / 2
@@ -186,7 +194,7 @@ def _described(
             )
         )
     stars = np.array([field.skies[f].star_id[s] for f, s in zip(fit.seen.frame, fit.seen.star, strict=True)])
-    cov = bundle.cov * pattern.inflation
+    cov = bundle.cov * pattern.inflation + air.lens_cov
     mount = mount_of(bundle.rotations, cov_of_group, group_night)
     turn = bundle.turn_by_lens.mean(axis=0)
     parts = (cov, mount.R_cam, turn, star_cells(fit.seen, bundle.size).round(3))
