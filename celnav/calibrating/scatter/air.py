@@ -1,8 +1,8 @@
 """What a calibration does not know about the air: its refraction lifts the stars by more or less than was computed.
 
 The refractivity of air is proportional to its pressure over its absolute temperature (Green 1985, Spherical Astronomy,
-section 4.4). Around the zenith refraction shrinks the sky by 0.03 %, so that 3 % of it are 1e-5 of the focal length, whatever the
-number of stars.
+section 4.4). Around the zenith refraction shrinks the sky by 0.03 %, so that 3 % of it are 1e-5 of the focal length,
+whatever the number of stars.
 """
 
 from __future__ import annotations
