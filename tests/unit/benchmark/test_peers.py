@@ -214,7 +214,7 @@ def test_astrometry_net_as_its_manual_solves_a_list_of_positions(tmp_path):
         "camera": dataclasses.asdict(camera),
         "detections": {"uv": uv.tolist()},
         "image": None,
-        "time_limit_s": 20.0,
+        "time_limit_s": 200.0,  # found in some ten seconds; a busy machine changes no answer here
     }
     (tmp_path / "ours").mkdir()
     answer = program.solve(request, tmp_path / "ours")
