@@ -14,6 +14,7 @@ noise of centroids).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 
@@ -32,6 +33,11 @@ _SHORTEST_STREAK = 0.1
 _REACH_SIGMAS = 6.0
 _NODE, _WEIGHT = leggauss(24)
 """Quadrature of a streak in each of two directions: exact to 2e-5 for streaks up to 60 standard deviations."""
+_LEAST_PEAK, _LARGEST_PEAK, _KNOTS = 1e-9, 1e12, 40001
+"""Range of a streak's light over the background in which integrals across it are looked up, and the number of knots."""
+_LEAST_BACKGROUND = 1e-11
+"""Least background, as a fraction of a streak's light in one square pixel, so that its ratio stays in this range."""
+_STARS_AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +114,8 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
 
     The light of a star that moves uniformly by `length_px` is the Gaussian smeared over that length. It is integrated over
     one half of the streak by Gauss-Legendre quadrature, separately over the end, where the derivative along the streak is
-    not zero, and over the middle, where it is.
+    not zero, and over the middle, where it is. The integrals across the streak depend on the star's light over the
+    background alone, and are looked up (`_integrals_across`).
 
     Parameters
     ----------
@@ -119,9 +126,7 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
     sigma = math.sqrt(sigma_px**2 + PIXEL_VARIANCE_PX2)
     half = length_px / 2.0
     split = np.maximum(half - _REACH_SIGMAS * sigma, 0.0)
-    y = 0.5 * _REACH_SIGMAS * sigma * (_NODE + 1.0)
-    wy = 0.5 * _REACH_SIGMAS * sigma * _WEIGHT
-    across = np.exp(-0.5 * (y / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
+    background = np.maximum(background_e2, _LEAST_BACKGROUND * electrons_e / (sigma * length_px) + 1e-300)
     found = np.zeros((len(electrons_e), 2))
     for low, high in ((np.zeros_like(half), split), (split, half + _REACH_SIGMAS * sigma)):
         x = low[:, None] + 0.5 * (high - low)[:, None] * (_NODE + 1.0)
@@ -131,13 +136,37 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
         slope = (np.exp(-0.5 * ends[0] ** 2) - np.exp(-0.5 * ends[1] ** 2)) / (
             math.sqrt(2.0 * math.pi) * sigma * length_px[:, None]
         )
-        e, b = electrons_e[:, None, None], background_e2[:, None, None]
-        noise = e * along[:, :, None] * across + b
+        e, b = electrons_e[:, None], background[:, None]
+        peak = e * along / (math.sqrt(2.0 * math.pi) * sigma * b)
+        light, gradient = _integrals_across(peak)
         # The four quarters of the plane are equal.
-        area = 4.0 * wx[:, :, None] * wy / np.maximum(noise, 1e-300)
-        found[:, 0] += np.sum(area * (e * slope[:, :, None] * across) ** 2, axis=(1, 2))
-        found[:, 1] += np.sum(area * (e * along[:, :, None] * across * y / sigma**2) ** 2, axis=(1, 2))
+        area = 4.0 * wx * e**2 / (2.0 * math.pi * sigma * b)
+        found[:, 0] += np.sum(area * slope**2 * light, axis=1)
+        found[:, 1] += np.sum(area * (along / sigma) ** 2 * gradient, axis=1)
     return found
+
+
+def _integrals_across(peak: F8) -> tuple[F8, F8]:
+    r"""Two integrals across a streak, by p, the ratio of its light in the middle to the background; interpolated to 1e-7.
+
+    .. math:: \int_0^\infty g^2 / (1 + p g) dt, \quad \int_0^\infty t^2 g^2 / (1 + p g) dt, \quad g = exp(-t^2 / 2)
+    """
+    table = _logarithms_across()
+    low, high = math.log(_LEAST_PEAK), math.log(_LARGEST_PEAK)
+    place = (np.log(np.clip(peak, _LEAST_PEAK, _LARGEST_PEAK)) - low) * ((_KNOTS - 1) / (high - low))
+    below = np.minimum(place.astype(np.intp), _KNOTS - 2)
+    share = place - below
+    light, gradient = (np.exp((1.0 - share) * row[below] + share * row[below + 1]) for row in table)
+    return light, gradient
+
+
+@functools.cache
+def _logarithms_across() -> F8:
+    """Logarithms of both integrals, shape (2, _KNOTS), at ratios whose logarithms are equidistant."""
+    t = 0.5 * _REACH_SIGMAS * (_NODE + 1.0)
+    weight, g = 0.5 * _REACH_SIGMAS * _WEIGHT, np.exp(-0.5 * t**2)
+    share = weight * g**2 / (1.0 + np.geomspace(_LEAST_PEAK, _LARGEST_PEAK, _KNOTS)[:, None] * g)
+    return np.asarray(np.log([share.sum(axis=1), (t**2 * share).sum(axis=1)]))
 
 
 def place_information(light: StarLight) -> F8:
@@ -148,8 +177,7 @@ def place_information(light: StarLight) -> F8:
     found = np.asarray(still[:, None, None] * np.eye(2))
     if moving.any():
         rows = np.flatnonzero(moving)
-        # The quadrature for one star takes some 4 * 24^2 numbers.
-        for part in np.array_split(rows, math.ceil(len(rows) / 200)):
+        for part in np.array_split(rows, math.ceil(len(rows) / _STARS_AT_ONCE)):
             along, across = streak_information(
                 light.electrons_e[part], light.background_e2[part], light.psf_sigma_px, length[part]
             ).T

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, stats
 from scipy.special import erf
 from unit.benchmark.fake_night import write_dataset
 
@@ -96,6 +96,30 @@ def test_information_along_and_across_a_streak():
     assert streak_information(one(e), one(b), s, one(0.05))[0] == pytest.approx(
         [centroid_information(one(e), one(b), s)[0]] * 2, rel=2e-3
     )
+
+
+@pytest.mark.parametrize(("e", "b"), [(3e5, 1e-4), (3000.0, 20.0), (5.0, 4000.0)])
+def test_information_of_a_streak_is_its_integral_over_the_plane(e, b):
+    """From light alone to background alone: SciPy's adaptive quadrature in two dimensions."""
+    s, length = 0.9, 7.0
+    sigma = math.sqrt(s**2 + 1 / 12)
+
+    def density(x, y, axis):
+        step = [(x + sign * length / 2) / sigma for sign in (1, -1)]
+        along = (erf(step[0] / math.sqrt(2)) - erf(step[1] / math.sqrt(2))) / (2 * length)
+        slope = (stats.norm.pdf(step[0]) - stats.norm.pdf(step[1])) / (sigma * length)
+        across = stats.norm.pdf(y / sigma) / sigma
+        gradient = (slope, along * y / sigma**2)[axis] * e * across
+        return gradient**2 / (e * along * across + b)
+
+    reach = 6 * sigma
+    expected = [
+        4 * integrate.dblquad(density, 0, reach, 0, length / 2 + reach, args=(axis,), epsrel=1e-6)[0] for axis in (0, 1)
+    ]
+    assert streak_information(one(e), one(b), s, one(length))[0] == pytest.approx(expected, rel=2e-5)
+    dark = streak_information(one(e), one(0), s, one(length))[0]
+    assert dark == pytest.approx(streak_information(one(e), one(1e-9 * e), s, one(length))[0], rel=1e-5)
+    assert (streak_information(one(0), one(b), s, one(length)) == 0).all()
 
 
 def test_information_of_a_slanted_streak_has_its_axes_along_and_across():
