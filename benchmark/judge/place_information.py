@@ -153,7 +153,7 @@ def _integrals_across(peak: F8) -> tuple[F8, F8]:
     """
     table = _logarithms_across()
     low, high = math.log(_LEAST_PEAK), math.log(_LARGEST_PEAK)
-    place = (np.log(np.clip(peak, _LEAST_PEAK, _LARGEST_PEAK)) - low) * ((_KNOTS - 1) / (high - low))
+    place = (np.log(np.fmax(np.fmin(peak, _LARGEST_PEAK), _LEAST_PEAK)) - low) * ((_KNOTS - 1) / (high - low))
     below = np.minimum(place.astype(np.intp), _KNOTS - 2)
     share = place - below
     light, gradient = (np.exp((1.0 - share) * row[below] + share * row[below + 1]) for row in table)

@@ -120,6 +120,8 @@ def test_information_of_a_streak_is_its_integral_over_the_plane(e, b):
     dark = streak_information(one(e), one(0), s, one(length))[0]
     assert dark == pytest.approx(streak_information(one(e), one(1e-9 * e), s, one(length))[0], rel=1e-5)
     assert (streak_information(one(0), one(b), s, one(length)) == 0).all()
+    # A star without light states no background.
+    assert np.isnan(streak_information(one(0), one(math.nan), s, one(length))).all()
 
 
 def test_information_of_a_slanted_streak_has_its_axes_along_and_across():
