@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -95,5 +96,6 @@ def missing_message(solver: SolverFolder, packages: Sequence[str]) -> str:
     return f"{solver.name}: needs {' and '.join(packages)}; install with: {solver.spec.install}"
 
 
+@cache
 def _folders() -> dict[str, SolverFolder]:
     return solver_folders(FOLDER)

@@ -298,7 +298,7 @@ def _check_scenario(task: Task, path: Path) -> None:
     ):
         raise TaskError(f"{path}: sensor.develop.photo: solvers get the photograph, so give one, as JPEG")
     n = len(task.definition.condition.values)
-    so_far = tuple(float(n) for n in range(task.sequence_length, 0, -1))
+    so_far = tuple(float(n) for n in range(scenario.steps or 1, 0, -1))
     if scenario.steps is not None and (task.definition.condition.values != so_far or task.graded_by_what_is_told):
         raise TaskError(
             f"{path}: time.count: a task of sequences is graded by their frames so far, from {scenario.steps} to 1"
