@@ -38,6 +38,7 @@ _LEAST_PEAK, _LARGEST_PEAK, _KNOTS = 1e-9, 1e12, 40001
 _LEAST_BACKGROUND = 1e-11
 """Least background, as a fraction of a streak's light in one square pixel, so that its ratio stays in this range."""
 _STARS_AT_ONCE = 500
+"""Streaks that are integrated in one step, so that their numbers fit into the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +127,7 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
     sigma = math.sqrt(sigma_px**2 + PIXEL_VARIANCE_PX2)
     half = length_px / 2.0
     split = np.maximum(half - _REACH_SIGMAS * sigma, 0.0)
+    # The last term is for stars without light, whose ratio would otherwise be 0 / 0.
     background = np.maximum(background_e2, _LEAST_BACKGROUND * electrons_e / (sigma * length_px) + 1e-300)
     found = np.zeros((len(electrons_e), 2))
     for low, high in ((np.zeros_like(half), split), (split, half + _REACH_SIGMAS * sigma)):
