@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.frames.dataset import Frame, load_image
-from generator.identity.pixels import pixels_sha256
+from benchmark.frames.dataset import Frame
+from benchmark.frames.pixel_hashes import image_sha256
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def identity_of(frame: Frame) -> FrameIdentity:
     DatasetError
         The image is missing or damaged.
     """
-    image = pixels_sha256(load_image(frame)) if frame.image_path.name else None
+    image = image_sha256(frame) if frame.image_path.name else None
     return FrameIdentity(image, truth_sha256_of(frame))
 
 

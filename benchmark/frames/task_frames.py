@@ -98,7 +98,8 @@ def make_task_frames(
         missing = [shard for shard in shards if finished_files(store, shard, scenario, spec) is None]
         for shard in shards:
             if shard not in missing:
-                _unpack(folder / shard.tar, unpacked, False, developed)
+                if not _is_unpacked(shard, unpacked):
+                    _unpack(folder / shard.tar, unpacked, False, developed)
                 progress(shard.stop - shard.first)
         for report in run_shards(scenario, spec, missing, store, choice.workers, lambda index: progress(1)):
             if report.failures:
@@ -106,7 +107,7 @@ def make_task_frames(
             _unpack(folder / report.shard.tar, unpacked, True, developed)
     except GeneratorError as error:
         raise TaskError(f"{task.label}: {error}") from error
-    records = [unpacked / f"frame-{index:05d}.json" for shard in shards for index in range(shard.first, shard.stop)]
+    records = [unpacked / f"{frame_id}.json" for shard in shards for frame_id in _frame_ids(shard)]
     read = with_sites(read_frames(records, [folder / shard.stars for shard in shards]))
     frames = tuple(_graded(task, split, read))
     graded = definition.condition
@@ -190,6 +191,17 @@ def wanted_shards(frames_of_each: int, per_condition: int, split: SplitName, lev
             stop = start + min(offset + SHARD_FRAMES, per_condition)
             shards.append(Shard(level * shards_per_condition + number, start + offset, stop, split))
     return shards
+
+
+def _frame_ids(shard: Shard) -> list[str]:
+    return [f"frame-{index:05d}" for index in range(shard.first, shard.stop)]
+
+
+def _is_unpacked(shard: Shard, folder: Path) -> bool:
+    """Whether every image and record of a shard is in the folder; each was written atomically."""
+    return all(
+        (folder / f"{frame_id}.{suffix}").is_file() for frame_id in _frame_ids(shard) for suffix in ("png", "json")
+    )
 
 
 def _unpack(archive_path: Path, folder: Path, again: bool, developed: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,14 +138,13 @@ def judge_answer(
     # A refused frame claims no matches, whatever the solver had found by then.
     matches = answer.matches if answer.ok else np.empty((0, 2), dtype=np.int64)
     stars = score_matches(response.uv, matches, frame.truth)
-    claims = {
-        int(detection): (int(star), bool(right))
-        for (detection, star), right in zip(matches, stars.correct, strict=True)
-    }
-    rows = tuple(
-        DetectionRow(frame.frame_id, i, float(u), float(v), _known(response.flux[i]), *claims.get(i, (None, None)))
-        for i, (u, v) in enumerate(response.uv)
-    )
+    star_ids: list[int | None] = [None] * len(response.uv)
+    rights: list[bool | None] = [None] * len(response.uv)
+    for detection, star, right in zip(*matches.T.tolist(), stars.correct.tolist(), strict=True):
+        star_ids[detection], rights[detection] = star, right
+    flux = [value if math.isfinite(value) else None for value in response.flux.tolist()]
+    columns = range(len(response.uv)), *response.uv.T.tolist(), flux, star_ids, rights
+    rows = tuple(map(DetectionRow, repeat(frame.frame_id), *columns))
     site = counted_site(frame)
     score = FrameScore(
         frame_id=frame.frame_id,
@@ -182,7 +182,3 @@ def judge_answer(
         identity=identity,
     )
     return SolverOutcome(score, details, rows)
-
-
-def _known(flux: np.float64) -> float | None:
-    return float(flux) if math.isfinite(flux) else None

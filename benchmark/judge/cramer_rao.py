@@ -36,6 +36,9 @@ F8 = NDArray[np.float64]
 
 _NODE, _WEIGHT = leggauss(48)
 """Quadrature for a median: exact to 1e-6 for axis ratios up to 1000."""
+_BLOCK_ROWS = 128
+_DEPENDENT = 1e-10
+"""Share of a measurement's derivatives below which what is left of them is rounding."""
 
 
 @dataclass(frozen=True)
@@ -142,22 +145,59 @@ def information_on_position(by_turn: F8, by_lens: F8, places: F8, latitude_deg: 
         East-north, 1/km^2.
     """
     usable = np.isfinite(by_turn).all(axis=(1, 2)) & np.isfinite(places).all(axis=(1, 2))
-    by_all = np.concatenate((by_turn[usable], by_lens[usable]), axis=2)
-    held = by_all.reshape(-1, 6).T @ (places[usable] @ by_all).reshape(-1, 6)
-    moves = displacement_turns(latitude_deg)
     free = np.flatnonzero(prior.sigmas > 0)
-    information = np.asarray(moves.T @ held[:3, :3] @ moves)
-    if len(free):
-        known = np.diag(1.0 / prior.sigmas[free] ** 2)
-        shared = moves.T @ held[:3, free]
-        information = information - shared @ _inverse(held[np.ix_(free, free)] + known) @ shared.T
-    return np.asarray((information + information.T) / 2.0)
+    moves = np.concatenate(
+        (by_turn[usable] @ displacement_turns(latitude_deg), by_turn[usable], by_lens[usable]), axis=2
+    )
+    wanted = np.concatenate(([0, 1], free + 2))
+    stars = (_roots(places[usable]) @ moves)[:, :, wanted].reshape(-1, len(wanted))
+    # What is known beforehand counts as further measurements, which do not depend on the position.
+    known = np.column_stack((np.zeros((len(free), 2)), np.diag(1.0 / prior.sigmas[free])))
+    root = _triangle(np.vstack((stars, known)))
+    own = _without(root[:, 2:], root[:, :2])
+    values, axes = np.linalg.eigh(own.T @ own)
+    least = (_DEPENDENT * np.linalg.norm(root[:, :2])) ** 2
+    return np.asarray((axes * np.where(values > least, values, 0.0)) @ axes.T)
 
 
-def _inverse(information: F8) -> F8:
-    """Pseudo-inverse of a symmetric matrix whose unknowns have different units: each is first scaled to 1."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    return np.asarray(np.linalg.pinv(information * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale))
+def _roots(places: F8) -> F8:
+    """Upper triangular roots L of symmetric matrices, shape (n, 2, 2): transposed(L) @ L is the matrix."""
+    first = np.sqrt(places[:, 0, 0])
+    shared = np.divide(places[:, 0, 1], first, out=np.zeros_like(first), where=first > 0)
+    found = np.zeros_like(places)
+    found[:, 0, 0], found[:, 0, 1] = first, shared
+    found[:, 1, 1] = np.sqrt(np.maximum(places[:, 1, 1] - shared**2, 0.0))
+    return found
+
+
+def _triangle(rows: F8) -> F8:
+    """A matrix of fewer rows with the same products of its columns, by QR of blocks, for which BLAS starts no threads."""
+    while len(rows) > _BLOCK_ROWS:
+        blocks = math.ceil(len(rows) / _BLOCK_ROWS)
+        padded = np.zeros((blocks * _BLOCK_ROWS, rows.shape[1]))
+        padded[: len(rows)] = rows
+        triangles = np.asarray(np.linalg.qr(padded.reshape(blocks, _BLOCK_ROWS, -1), mode="r"))
+        rows = triangles.reshape(-1, rows.shape[1])
+    return rows
+
+
+def _without(unknown: F8, columns: F8) -> F8:
+    """The parts of columns that no combination of the columns of `unknown` explains, by Gram and Schmidt.
+
+    Their squares are the Schur complement. They keep the digits that are lost where information is subtracted from its like.
+    """
+    size = np.linalg.norm(unknown, axis=0)
+    rest = unknown[:, size > 0] / size[size > 0]
+    for _ in range(rest.shape[1]):
+        size = np.linalg.norm(rest, axis=0)
+        longest = int(size.argmax())
+        if size[longest] <= _DEPENDENT:
+            break
+        unit = rest[:, longest] / size[longest]
+        for _ in range(2):  # the first time leaves a rounded part along the unit vector
+            rest = rest - np.outer(unit, unit @ rest)
+            columns = columns - np.outer(unit, unit @ columns)
+    return columns
 
 
 def covariance_bound(information: F8) -> F8:

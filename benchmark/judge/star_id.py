@@ -81,22 +81,26 @@ def score_matches(
     tree = cKDTree(star_uv)
     nearest_px, _ = tree.query(uv)
     n_detected = int(np.count_nonzero(nearest_px <= radius_px))
-    near = tree.query_ball_point(uv[matches[:, 0]], radius_px) if len(matches) else []
-    for row, ((detection, star), found) in enumerate(zip(matches, near, strict=True)):
-        within = np.array(found, dtype=np.intp)
-        correct[row] = int(star) in _identities(uv[detection], star_uv[within], star_id[within], electrons[within])
+    if len(matches):
+        correct = _are_correct(uv[matches[:, 0]], matches[:, 1], tree, star_id, electrons, radius_px)
     return StarScore(n_detected, len(matches), int(np.count_nonzero(correct)), correct)
 
 
-def _identities(
-    place: NDArray[np.float64],
-    star_uv: NDArray[np.float64],
+def _are_correct(
+    places: NDArray[np.float64],
+    named: NDArray[np.int64],
+    tree: cKDTree,
     star_id: NDArray[np.int64],
     electrons: NDArray[np.float64],
-) -> set[int]:
-    """Star ids that a detection at `place`, shape (2,), may correctly be given, from the stars within the radius."""
-    if len(star_id) == 0:
-        return set()
-    distance = np.hypot(*(star_uv - place).T)
-    bright = np.flatnonzero(electrons >= BLEND_SHARE * electrons.max())
-    return {int(star) for star in star_id[[distance.argmin(), *bright]]}
+    radius_px: float,
+) -> NDArray[np.bool_]:
+    """Whether detections at `places`, shape (m, 2), may have the ids that they were given, shape (m,)."""
+    pairs = cKDTree(places).sparse_distance_matrix(tree, radius_px, output_type="ndarray")
+    match, star, distance_px = pairs["i"], pairs["j"], pairs["v"]
+    nearest_px, brightest = np.full(len(places), np.inf), np.zeros(len(places))
+    np.minimum.at(nearest_px, match, distance_px)
+    np.maximum.at(brightest, match, electrons[star])
+    allowed = (distance_px == nearest_px[match]) | (electrons[star] >= BLEND_SHARE * brightest[match])
+    correct = np.zeros(len(places), dtype=bool)
+    correct[match[allowed & (star_id[star] == named[match])]] = True
+    return correct

@@ -303,6 +303,17 @@ def test_knowing_less_never_helps():
     assert (position_information(outside) == 0).all()
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_one_star_and_a_vertical_give_a_circle_and_no_position(seed):
+    """Without the heading one star holds one direction of the position; what rounding leaves of the other is nothing."""
+    light, _, _ = random_sky(seed, n=1)
+    light = dataclasses.replace(light, electrons_e=np.full(1, 1e7))
+    for prior in (VERTICAL, Prior(0.0, math.inf, 1e-4, 0.2), Prior(0.01, math.inf, math.inf, 0.0)):
+        assert np.isinf(position_bound(light, prior)).all()
+    fainter = dataclasses.replace(light, electrons_e=np.full(1, 1e5))
+    assert np.isfinite(position_bound(fainter, Prior(0.0, 5.0))).all()
+
+
 def test_a_shift_of_a_narrow_field_is_as_good_as_a_turn():
     """A star tracker that looks up: 0.2 px of 53 arcsec are 10.6 arcsec, along each axis a displacement of the same angle."""
     f_px, rng = math.degrees(3600) / 53, rng_for(8)

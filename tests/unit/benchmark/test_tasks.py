@@ -268,6 +268,20 @@ def test_a_task_graded_by_what_is_told_has_frames_of_its_own_for_each_condition(
         load_task("tiny", tmp_path)
 
 
+def test_frames_that_are_gone_are_unpacked_again_and_the_others_left_alone(tmp_path):
+    (tmp_path / "tiny.task.yaml").write_text(TINY)
+    (tmp_path / "tiny.scenario.yaml").write_text(TINY_SCENARIO)
+    task, choice = load_task("tiny", tmp_path), FrameChoice(per_condition=2, condition=5.0, data=tmp_path, workers=0)
+    frames = make_task_frames(task, "tiny", choice).frames
+    first, second = (frame.image_path for frame in frames)
+    image = second.read_bytes()
+    written = first.stat().st_mtime_ns
+    second.unlink()
+    make_task_frames(task, "tiny", choice)
+    assert second.read_bytes() == image
+    assert first.stat().st_mtime_ns == written
+
+
 def test_solvers_of_a_task_of_photographs_get_the_luma_of_the_jpeg(tmp_path):
     (tmp_path / "tiny.task.yaml").write_text(TINY.replace("metric:", "image: photo\nmetric:"))
     with_photo = TINY_SCENARIO + "sensor: {colour: {}, develop: {exposure: 4.0, photo: {quality: 90}}}\n"
