@@ -37,6 +37,7 @@ F8 = NDArray[np.float64]
 _NODE, _WEIGHT = leggauss(48)
 """Quadrature for a median: exact to 1e-6 for axis ratios up to 1000."""
 _BLOCK_ROWS = 128
+"""Rows of a block that is small enough for BLAS to use one thread."""
 _DEPENDENT = 1e-10
 """Share of a measurement's derivatives below which what is left of them is rounding."""
 
@@ -171,7 +172,7 @@ def _roots(places: F8) -> F8:
 
 
 def _triangle(rows: F8) -> F8:
-    """A matrix of fewer rows with the same products of its columns, by QR of blocks, for which BLAS starts no threads."""
+    """A matrix of fewer rows with the same products of its columns, by QR of blocks."""
     while len(rows) > _BLOCK_ROWS:
         blocks = math.ceil(len(rows) / _BLOCK_ROWS)
         padded = np.zeros((blocks * _BLOCK_ROWS, rows.shape[1]))
