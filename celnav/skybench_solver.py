@@ -29,7 +29,7 @@ from celnav.position import refracting
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
-from celnav.uncertainty.contradicted import FREED_FOCAL, better, doubt_deg, freed, lens_contradicted
+from celnav.uncertainty.contradicted import FREED_FOCAL, doubt_deg, freed, lens_contradicted, with_free_lens
 from celnav.uncertainty.field_errors import (
     FieldOfStars,
     NamedStars,
@@ -172,10 +172,14 @@ class SkybenchSolver:
         with clock.stage("fix"):
             told = self._priors(problem)
             fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment, told)
-            if self.config.calibrate == "auto" and lens_contradicted(fix, problem.observation, problem.sigmas):
+            if self.config.calibrate != "full" and lens_contradicted(fix, problem.observation, problem.sigmas):
                 free = freed(told, problem.observation.camera)
-                again = self._fix(problem, prepared, orientation, to_terrestrial, alignment, free)
-                fix = again if better(fix, again) else fix
+                again = (
+                    self._fix(problem, prepared, orientation, to_terrestrial, alignment, free, kept=kept)
+                    for kept in (False, True)
+                )
+                trusted, identifying = self.config.calibrate == "none", len(alignment.detection)
+                fix = with_free_lens(fix, again, problem.observation, trusted, identifying)
             return replace(fix, work=effort.work)
 
     def _time_limit_s(self, problem: Problem) -> float:
@@ -192,8 +196,13 @@ class SkybenchSolver:
         alignment: Alignment,
         priors: CameraPriors,
         air: Estimate | None = None,
+        kept: bool = False,
     ) -> Fix:
-        """Match the whole field, adjust it and find the position; `air` is the error of the refraction shown by the stars."""
+        """Match the whole field, adjust it and find the position; `air` is the error of the refraction shown by the stars.
+
+        With `kept`, the adjustment starts from those stars alone that fit the camera as supplied. Where that is far off, they
+        are few, but the others' pairs with wrong stars would outweigh them.
+        """
         camera = problem.observation.camera
         identified = alignment
         alignment = replace(alignment, rotation=aberrated(alignment.rotation, camera, problem.utc))
@@ -202,6 +211,9 @@ class SkybenchSolver:
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
         given = prepared
         start = self._start(alignment, rotation, prepared)
+        if kept and (held := self._adjust_given(problem, given, dirs, pairs, start, self._priors(problem))) is not None:
+            fits = held.weight > 0.5
+            start, pairs = Start.from_fit(held), (held.detection[fits], held.star[fits])
         adjusted, prepared, readout = self._adjust(problem, given, dirs, pairs, start, priors)
         misfit = Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
         if adjusted is None or not self._fits(adjusted):
@@ -216,7 +228,7 @@ class SkybenchSolver:
         if air is None and (shown := shown_refraction(named)) is not None:
             problem = replace(problem, weather=refracting(problem.weather, shown.value))
             corrected = prepare(problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg)
-            return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown)
+            return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown, kept)
         widened, shared = with_shared_errors(named, priors, problem.attitude)
         # Residuals that neighbours share come from a wrong lens or moving air, and say nothing about the scatter of single
         # stars.

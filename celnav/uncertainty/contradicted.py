@@ -7,6 +7,7 @@ the same calibration, but stars cannot check it; its uncertainty is raised by as
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +26,16 @@ FEWEST_STARS = 12
 """Least number of stars identified with a freed lens, whose three additional parameters make chance fits easier."""
 MOST_SCATTER_PX = 3.0
 """Largest root mean square residual of those stars, pixels; if they scatter more, something else is wrong."""
-WIDE_SCATTER_PX = 1.5
+WIDE_SCATTER_PX = 0.8
+"""Root mean square residual, pixels, above which the lens is put to the test."""
+SHARED_PX = 0.6
+"""Error that neighbouring stars share, pixels, above which the lens is put to the test."""
 LEFT_SCATTER = 0.7
 """Fraction of the scatter that may remain with a freed lens; if the lens was right, nearly all of it remains."""
+LEFT_STARS = 0.8
+"""Fraction of the stars that must fit a freed lens: with a few parameters more, fewer stars always scatter less."""
+LEAST_EXPLAINED = 0.2
+"""Least fraction of the stars or of the detections, whichever are fewer, that a lens explains which is nearly right."""
 CLEAR_SIGMAS = 5.0
 _WORST_CONDITION = 1e10
 _LEAST_CONTRADICTION = 11.34  # chi-squared of three degrees of freedom that chance exceeds in one frame of a hundred
@@ -42,11 +50,13 @@ def freed(told: CameraPriors, camera: Camera) -> CameraPriors:
 def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
     """Return whether a fix calls for a solution with the lens freed.
 
-    It does if its stars contradict the inputs, or scatter widely. It also does if a principal point with a stated standard
-    deviation is clearly off by more than that, according to a fit of rotation, focal length and principal point to the
-    residuals.
+    It does if its stars contradict the inputs, scatter widely, or share large errors with their neighbours. It also does if a
+    principal point with a stated standard deviation is clearly off by more than that, according to a fit of rotation, focal
+    length and principal point to the residuals.
     """
     if fix.reason is Reason.INCONSISTENT or fix.residual_rms_px > WIDE_SCATTER_PX:
+        return True
+    if float(fix.details.get("shared_px", 0.0)) > SHARED_PX:
         return True
     if not sigmas.centre_px or fix.residuals_px is None or len(fix.matches) < FEWEST_STARS:
         return False
@@ -67,13 +77,62 @@ def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
     return bool((np.abs(shift) > CLEAR_SIGMAS * np.sqrt(own + sigmas.centre_px**2)).any())
 
 
-def better(fix: Fix, with_free_lens: Fix) -> bool:
-    """Return whether a fix with the lens freed is to replace the one with the lens as supplied."""
-    again = with_free_lens
+def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, trusted: bool, n_identifying: int) -> Fix:
+    """Return the answer where the lens is contradicted: a better fix with the lens freed, the fix as it is, or a refusal.
+
+    A refusal follows where no freed lens is better and the stars rule out the one supplied. They do if no freed lens lets
+    them fit one orientation, or if hardly any of them fit: a lens that is far off fits in one part of the field, whose stars
+    agree with each other.
+
+    Parameters
+    ----------
+    fix : Fix
+        The fix with the lens as supplied.
+    freed_fixes : iterable of Fix
+        Fixes with the lens freed, from different starting points; they are taken until one is better.
+    seen : Observation
+        The detections.
+    trusted : bool
+        Whether the lens must stay as supplied, so that a better one is a reason for a refusal.
+    n_identifying : int
+        Number of bright stars that identified the field.
+    """
+    failed = []
+    for again in freed_fixes:
+        if _is_better(again, fix) and not _of_a_part(again, seen):
+            why = f"with another they scatter by {again.residual_rms_px:.1f} px"
+            return _refused(fix, why) if trusted else again
+        failed.append(again)
+    if not fix.ok or fix.residual_rms_px <= WIDE_SCATTER_PX or n_identifying < FEWEST_STARS:
+        return fix
+    if _of_a_part(fix, seen) or all(again.reason is Reason.INCONSISTENT for again in failed):
+        return _refused(fix, "the others do not fit")
+    return fix
+
+
+def _of_a_part(fix: Fix, seen: Observation) -> bool:
+    """Whether few of the stars and of the detections fit, as if a wrong lens held in one part of the field."""
+    expected = min(len(seen.rays), float(fix.details["predicted_stars"]))
+    return fix.residual_rms_px > WIDE_SCATTER_PX and len(fix.matches) < LEAST_EXPLAINED * expected
+
+
+def _is_better(again: Fix, fix: Fix) -> bool:
+    """Whether a fix with the lens freed is to replace the one with the lens as supplied."""
     stands = again.reason is not Reason.INCONSISTENT and len(again.matches) >= FEWEST_STARS
     if not stands or again.residual_rms_px > MOST_SCATTER_PX:
         return False
-    return fix.reason is Reason.INCONSISTENT or again.residual_rms_px < LEFT_SCATTER * fix.residual_rms_px
+    if fix.reason is Reason.INCONSISTENT:
+        return True
+    stars_left = len(again.matches) >= LEFT_STARS * len(fix.matches)
+    return stars_left and again.residual_rms_px < LEFT_SCATTER * fix.residual_rms_px
+
+
+def _refused(fix: Fix, why: str) -> Fix:
+    stars = f"{len(fix.matches)} stars scatter by {fix.residual_rms_px:.1f} px about the camera's lens, {why}"
+    return replace(
+        fix, ok=False, reason=Reason.INCONSISTENT, message=f"{stars}: calibrate the camera", lat_deg=math.nan,
+        lon_deg=math.nan, cov_km2=None, heading_off_deg=math.nan,
+    )  # fmt: skip
 
 
 def doubt_deg(adjusted: Adjusted, camera: Camera, told: ToldSigmas, held: CameraPriors) -> float:

@@ -70,7 +70,7 @@ def test_a_field_that_its_adjustment_leaves_with_too_few_stars_is_refused(monkey
     def emptied(*args, **more):
         found = adjust(*args, **more)
         rounds.append(found)
-        if len(rounds) < round_:
+        if found is None or len(rounds) < round_:
             return found
         few = slice(0, kept)
         return dataclasses.replace(
