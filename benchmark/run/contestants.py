@@ -70,9 +70,10 @@ class Contestant:
         """Facts that results state about the solver; `version` is what its session reports."""
         if self.definition is not None:
             spec, asked = self.definition.spec, self.definition.asked
+            shipped = self.target in known_solvers()
             return SolverFacts(
                 target=self.target,
-                kind="registered" if self.target in known_solvers() else "folder",
+                kind="registered" if shipped else "folder",
                 title=spec.title,
                 licence=spec.licence,
                 version=version,
@@ -80,7 +81,8 @@ class Contestant:
                 revision=self.definition.revision,
                 time_limit_s=asked.limits.time_s,
                 memory_limit_mib=asked.limits.memory_mib,
-                isolation=isolation_of_programs(),
+                # A shipped solver reads nothing but tables that its own files make.
+                isolation=isolation_of_programs(() if shipped else asked.spec.reads),
             )
         assert self.instance is not None
         return SolverFacts(

@@ -7,6 +7,7 @@ program over a pipe (`PipeSession`).
 from __future__ import annotations
 
 import dataclasses
+import os
 import queue
 import shutil
 import tempfile
@@ -66,9 +67,11 @@ def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
     return [list(group) for _, group in groupby(frames, key)]
 
 
-def isolation_of_programs() -> str:
-    """How a solver's process is kept from files and network: in the same way for all that the system allows it for."""
-    return NOT_ISOLATED if isolation_obstacle() else ISOLATED
+def isolation_of_programs(reads: Sequence[str] = ()) -> str:
+    """How a solver's process is kept from files and network; with the places that its definition lets it read besides."""
+    if isolation_obstacle():
+        return NOT_ISOLATED
+    return f"{ISOLATED}; it also reads {', '.join(reads)}" if reads else ISOLATED
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class PipeSession:
     def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
         self._solver = solver
         self._folder: tempfile.TemporaryDirectory[str] | None = tempfile.TemporaryDirectory(prefix="skybench-frame-")
+        self._empty = tempfile.TemporaryDirectory(prefix="skybench-empty-")
         place = solver.folder if solver.spec.command else Path(self._folder.name)
         command = solver.command_line()
         places = None
@@ -105,6 +109,8 @@ class PipeSession:
             load_sky_index()
             load_deep_sky_index()
             places = visible_places(command, place, [Path(self._folder.name), *solver.reads])
+            if solver.spec.command:
+                places |= {str(hidden): self._nothing_like(hidden) for hidden in solver.uncounted}
         self._program = ProgramSession(command, place, solver.limits, on_stderr, places)
         self._warm = False
         self._asked = 0
@@ -158,6 +164,8 @@ class PipeSession:
 
     def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None, allowed: _Time) -> Response:
         """Put a request to the program; with `shown`, it gets the image of that pinhole."""
+        if self._solver.spec.command:
+            self._solver.check_hidden(frame.image_path)
         try:
             request = request_of(frame, shared, self._shown(frame.image_path, shown), allowed.share_s)
         except OSError as error:
@@ -198,6 +206,10 @@ class PipeSession:
         except ProgramFailedError:
             self.start()
 
+    def _nothing_like(self, hidden: Path) -> str:
+        """An empty folder, or an empty file."""
+        return self._empty.name if hidden.is_dir() else os.devnull
+
     def _shown(self, image: Path, by_pinhole: PinholeFrame | None) -> Path:
         """Place an image, alone and under an unused name, where the program may read it. Raises OSError."""
         assert self._folder is not None, "the session is closed"
@@ -218,6 +230,7 @@ class PipeSession:
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
+            self._empty.cleanup()
 
 
 class InProcessSession:

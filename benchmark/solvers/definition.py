@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import sys
@@ -34,6 +35,9 @@ README_NAME = "README.md"
 ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
 LARGEST_SPEC_BYTES = 100_000
 LARGEST_FOLDER_BYTES = 50_000_000
+LARGEST_READ_BYTES = 4 << 30
+UNCOUNTED_FOLDERS = ("__pycache__", ".git")
+"""Folders whose files do not count as a solver's; an isolated program finds them empty."""
 AdapterName = Literal["celnav", "learned", "tetra3rs", "tetra3rs-calibrated", "ruststartracker", "zenith-fixer"]
 
 
@@ -136,6 +140,28 @@ class SolverFolder:
         """What an isolated program sees besides its folder and its interpreter."""
         return [Path(os.path.abspath(self.folder / Path(name).expanduser())) for name in self.spec.reads]
 
+    @property
+    def uncounted(self) -> list[Path]:
+        """Files and folders in its folder that are no part of its behaviour, and that an isolated program finds empty."""
+        places = [
+            self.folder / README_NAME,
+            *(place for name in UNCOUNTED_FOLDERS for place in self.folder.rglob(name)),
+        ]
+        return [place for place in places if place.exists()]
+
+    def check_hidden(self, image: Path) -> None:
+        """Refuse a definition that lets a program read the folder of an image, where the truth is.
+
+        Raises
+        ------
+        SolverError
+        """
+        real = Path(os.path.realpath(image))
+        for shown in [self.folder, *self.reads]:
+            if Path(os.path.realpath(shown)) in real.parents:
+                where = "its folder" if shown == self.folder else f"{shown}, which its {SPEC_NAME} names in reads,"
+                raise SolverError(f"{self.name}: {where} contains the frames with their truth; keep them apart")
+
     def command_line(self) -> list[str]:
         """Command line that starts it.
 
@@ -179,8 +205,8 @@ class SolverFolder:
     def revision_among(self, packages: PackageTree) -> str:
         """Its revision with the packages of another tree, such as a checkout of an older commit; raises as `revision`."""
         if self.fused is not None:
-            settings = {"name": self.name, "fuses": self.fused.revision_among(packages)}
-            return revision_of(settings, {}, fusion_behaviour(packages.sources), packages.catalogues)
+            fusing: dict[str, object] = {"name": self.name, "fuses": self.fused.revision_among(packages)}
+            return revision_of(fusing, {}, fusion_behaviour(packages.sources), packages.catalogues)
         adapter = self.spec.adapter
         # An adapter's imports are covered by its modules.
         left_out = {SPEC_NAME, README_NAME}
@@ -195,7 +221,11 @@ class SolverFolder:
             catalogues = "" if behaviour is None else packages.catalogues
         except (SyntaxError, ValueError, KeyError, OSError) as error:
             raise SolverError(f"{self.name}: its modules cannot be read ({error})") from error
-        return revision_of(self.spec.settings, files, behaviour, catalogues)
+        settings: dict[str, object] = self.spec.settings
+        # What a solver of skybench reads is made by its own files or belongs to skybench's packages.
+        if self.spec.reads and not self.folder.is_relative_to(FOLDER):
+            settings["read"] = [_content(self.name, place) for place in self.reads]
+        return revision_of(settings, files, behaviour, catalogues)
 
 
 def environments_folder() -> Path:
@@ -233,17 +263,33 @@ def _read_spec(folder: Path) -> SolverSpec:
 
 
 def _files_of(folder: Path) -> list[Path]:
-    files = [
-        path
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
-    ]
+    files = _all_files(folder)
     size = sum(path.stat().st_size for path in files)
     if size > LARGEST_FOLDER_BYTES:
         raise SolverError(
             f"{folder}: holds {size} bytes; keep data that is larger than {LARGEST_FOLDER_BYTES} elsewhere"
         )
     return files
+
+
+def _all_files(folder: Path) -> list[Path]:
+    paths = (
+        path for path in sorted(folder.rglob("*")) if not set(UNCOUNTED_FOLDERS) & set(path.relative_to(folder).parts)
+    )
+    return [path for path in paths if path.is_file()]
+
+
+def _content(solver: str, place: Path) -> dict[str, str]:
+    """SHA-256 of the files in a folder, or of a file, by name."""
+    files = _all_files(place) if place.is_dir() else [place] if place.is_file() else []
+    size = sum(path.stat().st_size for path in files)
+    if size > LARGEST_READ_BYTES:
+        raise SolverError(f"{solver}: reads: {place} holds {size} bytes; name folders of at most {LARGEST_READ_BYTES}")
+    found = {}
+    for path in files:
+        with path.open("rb") as file:
+            found[path.relative_to(place).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
 
 
 def solver_folders(root: Path) -> dict[str, SolverFolder]:

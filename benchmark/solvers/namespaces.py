@@ -154,7 +154,8 @@ def _show(outside: str, inside: str, read_only: bool = True) -> None:
         Path(inside).mkdir(parents=True, exist_ok=True)
     else:
         Path(inside).parent.mkdir(parents=True, exist_ok=True)
-        Path(inside).touch()
+        if not Path(inside).exists():
+            Path(inside).touch()
     _mount(outside, inside, None, MS_BIND | MS_REC)
     if read_only:
         kept = os.statvfs(inside).f_flag

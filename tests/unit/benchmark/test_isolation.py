@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import socket
@@ -25,6 +26,7 @@ from benchmark.solvers.messages import request_of
 from benchmark.solvers.namespaces import MOST_FILES, MOST_WRITTEN_BYTES
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
 from benchmark.solvers.registry import missing_message, missing_packages, solver_folder
+from benchmark.stats.metrics import FrameScore
 from celnav.cache import cache_dir
 
 ROOT = Path(__file__).parents[3]
@@ -135,6 +137,57 @@ def test_a_solver_of_the_user_is_isolated_and_judged(frames, place) -> None:
         pool.close()
     assert [score.status for score in scores] == ["fix"] * 3
     assert contestant.facts("1", "own").isolation == isolation_of_programs() == ISOLATED
+
+
+def judged_by(solver: SolverFolder, frames) -> list[FrameScore]:
+    pool = SessionPool(lambda: contestant_of(solver).make_session(1), 1)
+    try:
+        return [outcome.score for outcome in outcomes(frames, pool, "own", {})]
+    finally:
+        pool.close()
+
+
+def test_what_does_not_count_as_a_solver_s_is_not_there_for_it(frames, tmp_path) -> None:
+    """Its README, compiled code and a repository's files; other hidden files count, and are there."""
+    folder = tmp_path / "solver"
+    for name in (".git/config", ".rules", "README.md", "__pycache__/x.pyc", "part/__pycache__/y.pyc", "part/code.py"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("1")
+    shutil.copyfile(PROGRAMS / "looking.py", folder / "looking.py")
+    solver = SolverFolder(folder, spec_of(command=("python", "looking.py")))
+    assert [score.reason for score in judged_by(solver, frames[:1])] == [".rules looking.py part/code.py"]
+    before = solver.revision
+    for name in (".git/config", "README.md", "__pycache__/x.pyc", "part/__pycache__/y.pyc"):
+        (folder / name).write_text("2")
+    assert SolverFolder(folder, solver.spec).revision == before
+    (folder / ".rules").write_text("2")
+    assert SolverFolder(folder, solver.spec).revision != before
+
+
+def test_a_solver_that_may_read_the_truth_is_refused(frames, place) -> None:
+    data = frames[0].image_path.parent
+    (place / "data").symlink_to(data)
+    named = SolverFolder(place / "solver", spec_of(command=("python", "misbehaving.py", "well"), reads=("../data",)))
+    with pytest.raises(SolverError, match=r"data, which its solver\.yaml names in reads, contains the frames"):
+        judged_by(named, frames)
+    shutil.copytree(data, place / "solver" / "data")
+    within = [dataclasses.replace(frames[0], image_path=place / "solver" / "data" / frames[0].image_path.name)]
+    inside = SolverFolder(place / "solver", spec_of(command=("python", "misbehaving.py", "well")))
+    with pytest.raises(SolverError, match="mine: its folder contains the frames with their truth; keep them apart"):
+        judged_by(inside, within)
+
+
+def test_what_a_solver_reads_is_part_of_its_revision(place) -> None:
+    tables = place / "tables"
+    tables.mkdir()
+    (tables / "index.bin").write_text("patterns")
+    spec = spec_of(command=("python", "spy.py"), reads=("../tables",))
+    before = SolverFolder(place / "solver", spec).revision
+    tables.rename(place / "elsewhere")
+    moved = spec.model_copy(update={"reads": ("../elsewhere",)})
+    assert SolverFolder(place / "solver", moved).revision == before
+    (place / "elsewhere" / "index.bin").write_text("answers!")
+    assert SolverFolder(place / "solver", moved).revision != before
 
 
 @pytest.mark.parametrize(
