@@ -21,7 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy.special import erf, spence
+from scipy.interpolate import RectBivariateSpline
+from scipy.special import spence
+from scipy.stats import norm
 
 from benchmark.protocol import CameraRecord
 
@@ -33,12 +35,10 @@ _SHORTEST_STREAK = 0.1
 _REACH_SIGMAS = 6.0
 _NODE, _WEIGHT = leggauss(24)
 """Quadrature of a streak in each of two directions: exact to 2e-5 for streaks up to 60 standard deviations."""
-_LEAST_PEAK, _LARGEST_PEAK, _KNOTS = 1e-9, 1e12, 40001
-"""Range of a streak's light over the background in which integrals across it are looked up, and the number of knots."""
-_LEAST_BACKGROUND = 1e-11
-"""Least background, as a fraction of a streak's light in one square pixel, so that its ratio stays in this range."""
-_STARS_AT_ONCE = 500
-"""Streaks that are integrated in one step, so that their numbers fit into the processor's cache."""
+_LIGHTS = np.linspace(math.log(1e-8), math.log(1e12), 121)
+"""Logarithms of a star's electrons over the background's variance in one square of the image's width."""
+_LENGTHS = np.linspace(math.log(0.05), math.log(2e4), 105)
+"""Logarithms of a streak's length over that width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +113,9 @@ def _photon_share(beta: F8) -> F8:
 def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, length_px: F8) -> F8:
     """Fisher information along and across a streak, shape (n, 2), 1/px^2.
 
-    The light of a star that moves uniformly by `length_px` is the Gaussian smeared over that length. It is integrated over
-    one half of the streak by Gauss-Legendre quadrature, separately over the end, where the derivative along the streak is
-    not zero, and over the middle, where it is. The integrals across the streak depend on the star's light over the
-    background alone, and are looked up (`_integrals_across`).
+    The light of a star that moves uniformly by `length_px` is the Gaussian smeared over that length. As a share of that of
+    photons alone in an image that stands still, E / s^2, its information depends on two ratios only, and is interpolated
+    between the integrals of `streak_share` to 1e-5.
 
     Parameters
     ----------
@@ -124,51 +123,58 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
     sigma_px : float
         Without the pixel's own width.
     """
-    sigma = math.sqrt(sigma_px**2 + PIXEL_VARIANCE_PX2)
-    half = length_px / 2.0
-    split = np.maximum(half - _REACH_SIGMAS * sigma, 0.0)
-    # The last term is for stars without light, whose ratio would otherwise be 0 / 0.
-    background = np.maximum(background_e2, _LEAST_BACKGROUND * electrons_e / (sigma * length_px) + 1e-300)
-    found = np.zeros((len(electrons_e), 2))
-    for low, high in ((np.zeros_like(half), split), (split, half + _REACH_SIGMAS * sigma)):
-        x = low[:, None] + 0.5 * (high - low)[:, None] * (_NODE + 1.0)
-        wx = 0.5 * (high - low)[:, None] * _WEIGHT
-        ends = [(x + sign * half[:, None]) / sigma for sign in (1.0, -1.0)]
-        along = (erf(ends[0] / math.sqrt(2.0)) - erf(ends[1] / math.sqrt(2.0))) / (2.0 * length_px[:, None])
-        slope = (np.exp(-0.5 * ends[0] ** 2) - np.exp(-0.5 * ends[1] ** 2)) / (
-            math.sqrt(2.0 * math.pi) * sigma * length_px[:, None]
-        )
-        e, b = electrons_e[:, None], background[:, None]
-        peak = e * along / (math.sqrt(2.0 * math.pi) * sigma * b)
-        light, gradient = _integrals_across(peak)
-        # The four quarters of the plane are equal.
-        area = 4.0 * wx * e**2 / (2.0 * math.pi * sigma * b)
-        found[:, 0] += np.sum(area * slope**2 * light, axis=1)
-        found[:, 1] += np.sum(area * (along / sigma) ** 2 * gradient, axis=1)
-    return found
-
-
-def _integrals_across(peak: F8) -> tuple[F8, F8]:
-    r"""Two integrals across a streak, by p, the ratio of its light in the middle to the background; interpolated to 1e-7.
-
-    .. math:: \int_0^\infty g^2 / (1 + p g) dt, \quad \int_0^\infty t^2 g^2 / (1 + p g) dt, \quad g = exp(-t^2 / 2)
-    """
-    table = _logarithms_across()
-    low, high = math.log(_LEAST_PEAK), math.log(_LARGEST_PEAK)
-    place = (np.log(np.fmax(np.fmin(peak, _LARGEST_PEAK), _LEAST_PEAK)) - low) * ((_KNOTS - 1) / (high - low))
-    below = np.minimum(place.astype(np.intp), _KNOTS - 2)
-    share = place - below
-    light, gradient = (np.exp((1.0 - share) * row[below] + share * row[below + 1]) for row in table)
-    return light, gradient
+    variance = sigma_px**2 + PIXEL_VARIANCE_PX2
+    with np.errstate(divide="ignore"):
+        light = np.log(electrons_e) - np.log(variance * background_e2)
+        length = np.log(length_px) - 0.5 * math.log(variance)
+    # Beyond the table's ends there is hardly any information, or photons are all there is.
+    at = light.clip(_LIGHTS[0], _LIGHTS[-1]), length.clip(_LENGTHS[0], _LENGTHS[-1])
+    share = np.exp(np.column_stack([table.ev(*at) for table in _logarithms()]))
+    return np.asarray(electrons_e[:, None] / variance * share)
 
 
 @functools.cache
-def _logarithms_across() -> F8:
-    """Logarithms of both integrals, shape (2, _KNOTS), at ratios whose logarithms are equidistant."""
-    t = 0.5 * _REACH_SIGMAS * (_NODE + 1.0)
-    weight, g = 0.5 * _REACH_SIGMAS * _WEIGHT, np.exp(-0.5 * t**2)
-    share = weight * g**2 / (1.0 + np.geomspace(_LEAST_PEAK, _LARGEST_PEAK, _KNOTS)[:, None] * g)
-    return np.asarray(np.log([share.sum(axis=1), (t**2 * share).sum(axis=1)]))
+def _logarithms() -> tuple[RectBivariateSpline, RectBivariateSpline]:
+    """Logarithms of `streak_share` along and across, by the logarithms of its arguments."""
+    share = np.log([streak_share(np.exp(_LIGHTS), math.exp(length)) for length in _LENGTHS])
+    along, across = (RectBivariateSpline(_LIGHTS, _LENGTHS, share[:, :, axis].T, s=0) for axis in (0, 1))
+    return along, across
+
+
+def streak_share(light: F8, length: float) -> F8:
+    r"""Information along and across a streak over E / s^2, shape (n, 2).
+
+    For the light along the streak, :math:`A(x) = [\Phi(x + l / 2) - \Phi(x - l / 2)] / l`, and
+    :math:`g(y) = e^{-y^2 / 2} / \sqrt{2 \pi}` across it, both are
+
+    .. math:: 4 q \int_0^\infty \int_0^\infty D^2 / (1 + q A g) \, dy \, dx, \quad D = A' g, \; A y g,
+
+    by Gauss-Legendre quadrature, separately over the end, where A varies, and over the middle, where it does not.
+
+    Parameters
+    ----------
+    light : ndarray, shape (n,)
+        q, electrons over the background's variance in a square of one standard deviation of the image.
+    length : float
+        l, length of the streak in standard deviations.
+    """
+    half, y, wy = length / 2.0, *_between(0.0, _REACH_SIGMAS)
+    g = norm.pdf(y)
+    found = np.zeros((len(light), 2))
+    split = max(half - _REACH_SIGMAS, 0.0)
+    for low, high in ((0.0, split), (split, half + _REACH_SIGMAS)):
+        x, wx = _between(low, high)
+        A = (norm.cdf(half - x) - norm.cdf(-half - x)) / length
+        slope = (norm.pdf(x + half) - norm.pdf(x - half)) / length
+        share = 4.0 * wx[:, None] * wy * g**2 / (1.0 + light[:, None, None] * A[:, None] * g)
+        found[:, 0] += np.einsum("nxy,x->n", share, slope**2)
+        found[:, 1] += np.einsum("nxy,x,y->n", share, A**2, y**2)
+    return np.asarray(light[:, None] * found)
+
+
+def _between(low: float, high: float) -> tuple[F8, F8]:
+    """Nodes and weights of the quadrature from `low` to `high`."""
+    return low + 0.5 * (high - low) * (_NODE + 1.0), 0.5 * (high - low) * _WEIGHT
 
 
 def place_information(light: StarLight) -> F8:
@@ -178,17 +184,14 @@ def place_information(light: StarLight) -> F8:
     still = centroid_information(light.electrons_e, light.background_e2, light.psf_sigma_px)
     found = np.asarray(still[:, None, None] * np.eye(2))
     if moving.any():
-        rows = np.flatnonzero(moving)
-        for part in np.array_split(rows, math.ceil(len(rows) / _STARS_AT_ONCE)):
-            along, across = streak_information(
-                light.electrons_e[part], light.background_e2[part], light.psf_sigma_px, length[part]
-            ).T
-            t = light.streak_px[part] / length[part, None]
-            n = np.column_stack((-t[:, 1], t[:, 0]))
-            found[part] = (
-                along[:, None, None] * t[:, :, None] * t[:, None, :]
-                + across[:, None, None] * n[:, :, None] * n[:, None, :]
-            )
+        along, across = streak_information(
+            light.electrons_e[moving], light.background_e2[moving], light.psf_sigma_px, length[moving]
+        ).T
+        t = light.streak_px[moving] / length[moving, None]
+        n = np.column_stack((-t[:, 1], t[:, 0]))
+        found[moving] = (
+            along[:, None, None] * t[:, :, None] * t[:, None, :] + across[:, None, None] * n[:, :, None] * n[:, None, :]
+        )
     return found
 
 

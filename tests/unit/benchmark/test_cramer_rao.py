@@ -30,6 +30,7 @@ from benchmark.judge.place_information import (
     centroid_information,
     place_information,
     streak_information,
+    streak_share,
 )
 from benchmark.protocol import CameraRecord
 
@@ -122,6 +123,17 @@ def test_information_of_a_streak_is_its_integral_over_the_plane(e, b):
     assert (streak_information(one(0), one(b), s, one(length)) == 0).all()
     # A star without light states no background.
     assert np.isnan(streak_information(one(0), one(math.nan), s, one(length))).all()
+
+
+def test_information_of_streaks_is_interpolated_between_its_integrals():
+    rng = rng_for(3)
+    variance = 0.7**2 + 1 / 12
+    for length in np.exp(rng.uniform(math.log(0.06), math.log(5000), 100)):
+        light = np.exp(rng.uniform(math.log(1e-7), math.log(1e11), 20))
+        expected = light[:, None] * streak_share(light, length)
+        lengths = np.full(20, length * math.sqrt(variance))
+        found = streak_information(light * variance, np.ones(20), 0.7, lengths)
+        assert found == pytest.approx(expected, rel=1e-5)
 
 
 def test_information_of_a_slanted_streak_has_its_axes_along_and_across():
