@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,20 +17,26 @@ from benchmark.frames.dataset import Frame, read_frames, rendered_with, truth_di
 from benchmark.frames.frame_set import FrameFacts, FrameSet, Grading
 from benchmark.frames.record_values import read_record
 from benchmark.frames.sites import with_sites
+from benchmark.frames.task_shards import (
+    SHARD_FRAMES,
+    ChosenShard,
+    StoredShard,
+    by_home,
+    chosen_shards,
+    find_stored,
+)
 from benchmark.instruments import told
 from benchmark.protocol import SequencePlace
 from benchmark.tasks.definition import SplitName, Task
 from generator.dataset.archive import read_frames as read_archive
 from generator.dataset.images import photo
-from generator.dataset.layout import DatasetSpec, Shard
-from generator.dataset.receipt import finished_files
+from generator.dataset.layout import DatasetSpec
 from generator.dataset.run import open_dataset_target, run_shards
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.seeds import random_stream
 
-SHARD_FRAMES = 10
 UNPACKED = "unpacked"
 DEFAULT_DATA = Path("out/tasks")
 """Folder of the frames of tasks and sharded datasets."""
@@ -91,24 +97,32 @@ def make_task_frames(
     folder = split_folder(task.label, split, scenario.sha256, choice.data)
     shards = _chosen_shards(task, choice)
     unpacked, developed = folder / UNPACKED, definition.image == "photo"
+    stored: list[StoredShard] = []
+    missing: list[ChosenShard] = []
     try:
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
-        store = LocalTarget(folder)
-        open_dataset_target(store, scenario, task.text_of(split))
-        missing = [shard for shard in shards if finished_files(store, shard, scenario, spec) is None]
-        for shard in shards:
-            if shard not in missing:
-                if not _is_unpacked(shard, unpacked):
-                    _unpack(folder / shard.tar, unpacked, False, developed)
-                progress(shard.stop - shard.first)
-        for report in run_shards(scenario, spec, missing, store, choice.workers, lambda index: progress(1)):
-            if report.failures:
-                raise TaskError(f"{task.label}: frame {report.failures[0].index}: {report.failures[0].error}")
-            _unpack(folder / report.shard.tar, unpacked, True, developed)
+        open_dataset_target(LocalTarget(folder), scenario, task.text_of(split))
+        for one in shards:
+            found = find_stored(folder, one, scenario, spec)
+            if found is None:
+                missing.append(one)
+                continue
+            stored.append(found)
+            if not _is_unpacked(one.frame_ids, unpacked):
+                _unpack(found.archive, unpacked, developed, one.frame_ids)
+            progress(len(one.frame_ids))
+        for home, rendered in by_home(folder, missing).items():
+            for report in run_shards(
+                scenario, spec, rendered, LocalTarget(home), choice.workers, lambda index: progress(1)
+            ):
+                if report.failures:
+                    raise TaskError(f"{task.label}: frame {report.failures[0].index}: {report.failures[0].error}")
+                stored.append(StoredShard(home, report.shard))
+                _unpack(stored[-1].archive, unpacked, developed)
     except GeneratorError as error:
         raise TaskError(f"{task.label}: {error}") from error
-    records = [unpacked / f"{frame_id}.json" for shard in shards for frame_id in _frame_ids(shard)]
-    read = with_sites(read_frames(records, [folder / shard.stars for shard in shards]))
+    records = [unpacked / f"{frame_id}.json" for one in shards for frame_id in one.frame_ids]
+    read = with_sites(read_frames(records, [one.stars for one in stored]))
     frames = tuple(_graded(task, split, read))
     graded = definition.condition
     facts = FrameFacts(
@@ -132,21 +146,21 @@ def make_task_frames(
 def at_hand(task: Task, choice: FrameChoice) -> bool:
     """Whether all frames of a choice have been rendered. Raises TaskError where the folder holds other frames."""
     scenario, spec = task.scenario_of(choice.split), DatasetSpec(split=choice.split, shard_size=SHARD_FRAMES)
-    store = LocalTarget(split_folder(task.label, choice.split, scenario.sha256, choice.data))
+    folder = split_folder(task.label, choice.split, scenario.sha256, choice.data)
     try:
-        return all(finished_files(store, shard, scenario, spec) is not None for shard in _chosen_shards(task, choice))
+        return all(find_stored(folder, one, scenario, spec) is not None for one in _chosen_shards(task, choice))
     except GeneratorError as error:
         raise TaskError(f"{task.label}: {error}") from error
 
 
-def _chosen_shards(task: Task, choice: FrameChoice) -> list[Shard]:
+def _chosen_shards(task: Task, choice: FrameChoice) -> list[ChosenShard]:
     levels, length = chosen_levels(task, choice.condition), task.sequence_length
     if length > 1:
         if choice.condition is not None:
             raise TaskError(f"{task.label}: the frames of a sequence are asked in order; leave out the condition")
         levels = [0]  # one block: the first sequences hold the first frames of all conditions
     full, chosen = task.definition.frames_per_condition * length, frames_per_condition(task, choice) * length
-    return wanted_shards(full, chosen, choice.split, levels)
+    return chosen_shards(full, chosen, choice.split, levels)
 
 
 def frames_per_condition(task: Task, choice: FrameChoice) -> int:
@@ -181,39 +195,24 @@ def split_folder(label: str, split: str, scenario_sha256: str, data: Path) -> Pa
     return data / label / f"{split}-{scenario_sha256[:12]}"
 
 
-def wanted_shards(frames_of_each: int, per_condition: int, split: SplitName, levels: Sequence[int]) -> list[Shard]:
-    """Shards that contain the first frames of conditions with `frames_of_each` frames each."""
-    shards_per_condition = math.ceil(frames_of_each / SHARD_FRAMES)
-    shards = []
-    for level in levels:
-        start = level * frames_of_each
-        for number, offset in enumerate(range(0, per_condition, SHARD_FRAMES)):
-            stop = start + min(offset + SHARD_FRAMES, per_condition)
-            shards.append(Shard(level * shards_per_condition + number, start + offset, stop, split))
-    return shards
+def _is_unpacked(frame_ids: Collection[str], folder: Path) -> bool:
+    """Whether the images and records of all these frames are in the folder; each was written atomically."""
+    return all((folder / f"{frame_id}.{suffix}").is_file() for frame_id in frame_ids for suffix in ("png", "json"))
 
 
-def _frame_ids(shard: Shard) -> list[str]:
-    return [f"frame-{index:05d}" for index in range(shard.first, shard.stop)]
-
-
-def _is_unpacked(shard: Shard, folder: Path) -> bool:
-    """Whether every image and record of a shard is in the folder; each was written atomically."""
-    return all(
-        (folder / f"{frame_id}.{suffix}").is_file() for frame_id in _frame_ids(shard) for suffix in ("png", "json")
-    )
-
-
-def _unpack(archive_path: Path, folder: Path, again: bool, developed: bool) -> None:
+def _unpack(archive_path: Path, folder: Path, developed: bool, missing: Collection[str] | None = None) -> None:
     """Unpack a shard's images and records into one folder, where programs can read them.
 
-    For `developed` frames the image is the photograph's luma, 0 to 255, instead of the raw image.
+    With `missing`, only those of these frames that are not there yet; without it all, in place of any that are there. For
+    `developed` frames the image is the photograph's luma, 0 to 255, instead of the raw image.
     """
     try:
         for frame in read_archive(archive_path):
+            if missing is not None and frame.frame_id not in missing:
+                continue
             for suffix in ("png", "json"):
                 path = path_within(folder, f"{frame.frame_id}.{suffix}")
-                if again or not path.is_file():
+                if missing is None or not path.is_file():
                     as_photo = developed and suffix == "png"
                     write_bytes(path, _luma_png(frame.members["photo.jpg"]) if as_photo else frame.members[suffix])
     except KeyError as error:

@@ -20,6 +20,7 @@ from benchmark.frames.identity import UNKNOWN
 from benchmark.frames.preview import preview_webp
 from benchmark.frames.sharded import dataset_folder
 from benchmark.frames.task_frames import UNPACKED, split_folder
+from benchmark.frames.task_shards import star_folders
 from benchmark.judge.star_id import TRACE_SNR
 from benchmark.report.site.tree import StoredResult
 from benchmark.run.identities import identities_in
@@ -85,16 +86,18 @@ class FrameSource:
         rendered = {frame_id: found for frame_id in frame_ids if (found := rendered_id(frame_id))}
         if place is None or not rendered:
             return {}
-        tables = []
+        tables, seen = [], set[str]()
         for path in place.star_tables():
             wanted = [("frame_id", "in", sorted(set(rendered.values()))), ("snr", ">=", TRACE_SNR)]
             try:
                 check_claims(path)
-                tables.append(pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas())
+                table = pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas()
             except (GeneratorError, pa.ArrowException, OSError) as error:
                 raise ResultsError(
                     f"{path}: damaged ({str(error).splitlines()[0]}); delete it and {RUN_AGAIN}"
                 ) from error
+            tables.append(table[~table["frame_id"].isin(seen)])
+            seen |= set(table["frame_id"])
         if not tables:
             return {}
         places: dict[str, list[tuple[float, float]]] = {}
@@ -109,14 +112,14 @@ class FrameSource:
         frames = result.provenance.frames
         rendered = Path(frames.target)
         if frames.grading is None and frames.definition_sha256 is None:
-            return _Place(rendered, rendered) if _is_of(rendered, frames.scenario_sha256) else None
+            return _Place(rendered, (rendered,)) if _is_of(rendered, frames.scenario_sha256) else None
         if self.data is None:
             return None
         if frames.grading is not None:
             folder = split_folder(frames.label, frames.split, frames.scenario_sha256, self.data)
         else:
             folder = dataset_folder(str(frames.definition_sha256), self.data)
-        return _Place(folder / UNPACKED, folder / "stars" / frames.split) if folder.is_dir() else None
+        return _Place(folder / UNPACKED, star_folders(folder, frames.split)) if folder.is_dir() else None
 
 
 @dataclass(frozen=True)
@@ -124,11 +127,12 @@ class _Place:
     """Folders of images and of tables of stars; for rendered frames one folder, whose other tables contain no stars."""
 
     images: Path
-    stars: Path
+    stars: tuple[Path, ...]
 
     def star_tables(self) -> list[Path]:
         """Files with the truth of stars, without the unfinished ones that a killed run leaves (`.shard-…`)."""
-        return sorted(self.stars.glob("stars.parquet" if self.stars == self.images else "[!.]*.parquet"))
+        name = "stars.parquet" if self.images in self.stars else "[!.]*.parquet"
+        return [path for folder in self.stars for path in sorted(folder.glob(name))]
 
 
 def _is_the_one(pixels: NDArray[np.uint16], result: StoredResult, frame_id: str) -> bool:

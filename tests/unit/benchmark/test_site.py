@@ -338,6 +338,13 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     pq.write_table(pa.table(stars), folder / "stars" / "dev" / "shard-000000.parquet")
     (folder / "stars" / "dev" / ".shard-000001-of_a_killed_run.parquet").write_bytes(b"PAR1")
     assert FrameSource(tmp_path).true_stars(result, ["frame-00003-2"]) == {"frame-00003-2": [(2.0, 5.0)]}
+    # A choice of few frames has tables of its own, which repeat frames of the whole shards or are alone.
+    for number, table in (("04", stars), ("05", stars | {"frame_id": ["frame-00005"] * 3})):
+        place = folder / "beginnings" / number / "stars" / "dev"
+        place.mkdir(parents=True)
+        pq.write_table(pa.table(table), place / "shard-000000.parquet")
+    found = FrameSource(tmp_path).true_stars(result, ["frame-00003-2", "frame-00005"])
+    assert found == {"frame-00003-2": [(2.0, 5.0)], "frame-00005": [(3.0, 6.0), (2.0, 5.0)]}
     (folder / "unpacked" / "frame-00003.png").write_bytes(b"no picture")
     with pytest.raises(ResultsError, match="not a readable image"):
         FrameSource(tmp_path).picture(result, "frame-00003", 640)

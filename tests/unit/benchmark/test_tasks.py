@@ -20,7 +20,7 @@ import celnav
 from benchmark.cli.bench import app
 from benchmark.cli.listing import listed_tasks
 from benchmark.errors import ResultsError, TaskError
-from benchmark.frames.task_frames import FrameChoice, make_task_frames, wanted_shards
+from benchmark.frames.task_frames import FrameChoice, make_task_frames
 from benchmark.instruments import told
 from benchmark.protocol import CameraRecord, Observation
 from benchmark.report.site.task_groups import OTHERS, group_of, groups_among
@@ -172,19 +172,6 @@ def test_unknown_tasks_and_revisions_are_refused():
         load_task("../tasks/bortle")
 
 
-def test_the_first_frames_are_the_same_however_many_are_asked_for():
-    scenario = load_task("bortle").scenario_of("dev")
-
-    def indices(n):
-        return {i for shard in wanted_shards(150, n, "dev", range(11)) for i in range(shard.first, shard.stop)}
-
-    assert indices(3) < indices(25) < indices(150) == set(range(scenario.frame_count))
-    assert indices(3) == {150 * condition + i for condition in range(11) for i in range(3)}
-    full = {shard.index: shard for shard in wanted_shards(150, 150, "dev", range(11))}
-    assert len(full) == 165
-    assert all(full[shard.index] == shard for shard in wanted_shards(150, 20, "dev", range(11)))
-
-
 CAMERA = CameraRecord("brown_conrady", 640, 480, 500.0, 500.0, 319.5, 239.5, (-0.05,), (0.0, 0.0))
 SEEN = Observation(
     CAMERA,
@@ -266,20 +253,6 @@ def test_a_task_graded_by_what_is_told_has_frames_of_its_own_for_each_condition(
     (tmp_path / "tiny.task.yaml").write_text(told_task.replace("[0, 0.1, 0.2]", "[0, 0.1]"))
     with pytest.raises(TaskError, match="one value for each of the 3 conditions"):
         load_task("tiny", tmp_path)
-
-
-def test_frames_that_are_gone_are_unpacked_again_and_the_others_left_alone(tmp_path):
-    (tmp_path / "tiny.task.yaml").write_text(TINY)
-    (tmp_path / "tiny.scenario.yaml").write_text(TINY_SCENARIO)
-    task, choice = load_task("tiny", tmp_path), FrameChoice(per_condition=2, condition=5.0, data=tmp_path, workers=0)
-    frames = make_task_frames(task, "tiny", choice).frames
-    first, second = (frame.image_path for frame in frames)
-    image = second.read_bytes()
-    written = first.stat().st_mtime_ns
-    second.unlink()
-    make_task_frames(task, "tiny", choice)
-    assert second.read_bytes() == image
-    assert first.stat().st_mtime_ns == written
 
 
 def test_solvers_of_a_task_of_photographs_get_the_luma_of_the_jpeg(tmp_path):
