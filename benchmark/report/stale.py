@@ -131,10 +131,17 @@ def stamp_file(root: Path, path: Path, rows: Rows, measured: bool) -> int:
     Raises
     ------
     ResultsError
-        A mark cannot be read, names something unknown, or has no sentence after it.
+        The file cannot be read, or a mark in it cannot be read, names something unknown, or has no sentence after it.
     """
-    text = path.read_text(encoding="utf-8")
     changed = 0
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ResultsError(
+            f"{path}: cannot be read ({reason}); give a document with marks, such as docs/solver.md, by its path from the "
+            "working folder"
+        ) from error
     try:
         for printed in find_marks(text):
             mark = _as_measured(root, printed.mark, rows) if measured else printed.mark

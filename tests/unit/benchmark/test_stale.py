@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
 from benchmark.report import stale
 from benchmark.report.marks import Mark, find_marks, older_digest, sentence_of
@@ -155,6 +157,16 @@ def test_stamping_needs_a_sentence_to_replace(root: Path) -> None:
     path.write_text(Mark(COMMAND, {"skybench": None}).line() + "\n| solved |\n")
     with pytest.raises(ResultsError, match="line 2 must hold the words"):
         stamp_file(root, path, {}, measured=False)
+
+
+@pytest.mark.parametrize("option", ["--stamp", "--measured"])
+def test_a_file_to_stamp_that_cannot_be_read_is_named(root: Path, option: str) -> None:
+    (root / "binary.md").write_bytes(b"\xff\xfe")
+    for name, reason in (("none.md", "No such file"), ("docs", "Is a directory"), ("binary.md", "not UTF-8 text")):
+        outcome = CliRunner().invoke(app, ["stale", "--root", str(root), option, str(root / name)])
+        assert outcome.exit_code == 2, outcome.output
+        assert f"skybench: {root / name}: cannot be read ({reason}" in outcome.output
+        assert "give a document with marks, such as docs/solver.md" in outcome.output
 
 
 def test_a_mark_is_a_comment_of_xml() -> None:
