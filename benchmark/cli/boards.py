@@ -14,7 +14,7 @@ from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.progress import progress_bars
 from benchmark.cli.submissions import Split
-from benchmark.errors import BenchmarkError
+from benchmark.errors import BenchmarkError, ResultsError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -349,6 +349,8 @@ def revisions(
     packages = installed_packages() if tree is None else PackageTree(tree)
     folder = FOLDER if tree is None else tree / "benchmark" / "solvers"
     try:
+        if tree is not None:
+            _check_tree(tree)
         found = {name: solver.revision_among(packages) for name, solver in solver_folders(folder).items()}
         found["the shared detector"] = packages.detector_revision
     except (BenchmarkError, OSError, KeyError, SyntaxError) as error:
@@ -358,3 +360,15 @@ def revisions(
         return
     for name, revision in found.items():
         typer.echo(f"{revision}  {name}")
+
+
+def _check_tree(tree: Path) -> None:
+    """Refuse a folder that lacks a package. Raises ResultsError."""
+    from benchmark.solvers.revision import PACKAGES
+
+    absent = [name for name in PACKAGES if not (tree / name / "__init__.py").is_file()]
+    if absent:
+        what = f"has no package {', '.join(absent)}" if tree.is_dir() else "no such folder"
+        raise ResultsError(
+            f"--tree {tree}: {what}; give the folder that holds {', '.join(PACKAGES)}, such as a checkout"
+        )

@@ -102,6 +102,15 @@ def test_the_check_fails_on_a_changed_mark_until_the_file_says_so(repository: Pa
     assert f"*Measured with revision {'0' * 12} of skybench, which is not today's.*" in path.read_text()
 
 
+def test_a_tree_without_the_packages_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "generator").mkdir()
+    (tmp_path / "generator" / "__init__.py").touch()
+    for tree, what in ((tmp_path, "has no package benchmark, celnav;"), (tmp_path / "none", "no such folder;")):
+        outcome = CliRunner().invoke(app, ["revisions", "--tree", str(tree)])
+        assert outcome.exit_code == 2
+        assert f"skybench: --tree {tree}: {what} give the folder that holds benchmark, celnav, " in outcome.output
+
+
 def test_the_revisions_of_a_tree_are_printed(tmp_path: Path) -> None:
     for package in ("benchmark", "celnav", "generator"):
         ignored = shutil.ignore_patterns("__pycache__", "*.exr", "*.npy")
