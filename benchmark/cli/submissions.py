@@ -138,13 +138,13 @@ def score(
     from benchmark.stats.frame_metrics import success_limit_km
     from benchmark.stats.metrics import summarise
     from benchmark.submit.score import check_name, judge_submission, names_in_use, version_of, write_score
-    from benchmark.submit.submission import check_answers
 
     try:
         check_name(name)
+        answers, _ = _read(file, stars, None, as_json)  # rendering takes hours
         with progress_bars() as progress:
             found = _opened(truth, split, frames, data, jobs, progress)
-            names = names_in_use(found.frames, [answer.frame_id for answer in check_answers(file).answers])
+            names = names_in_use(found.frames, [answer.frame_id for answer in answers.answers])
             answers, table = _read(file, stars, frozenset(names.values()), as_json)
             outcomes = judge_submission(found.frames, names, answers, table)
             folder = out or default_out(found.facts)

@@ -14,7 +14,9 @@ from unit.benchmark.stored import stored
 
 import celnav
 from benchmark.cli.app import app
+from benchmark.frames import opening
 from benchmark.frames.dataset import open_dataset
+from benchmark.frames.opening import open_frames
 from benchmark.report.site.tree import read_tree
 from benchmark.stats.frame_metrics import measure
 from benchmark.stats.intervals import wilson
@@ -222,6 +224,24 @@ def test_a_faulty_submission_is_not_scored(tmp_path, folder, frames):
     assert run.exit_code == 1
     assert "is missing; give it the status refused" in run.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("faulty", ["answers", "stars"])
+def test_a_faulty_file_is_refused_before_frames_are_rendered(tmp_path, folder, frames, monkeypatch, faulty):
+    opened = []
+    monkeypatch.setattr(opening, "open_frames", lambda *arguments: opened.append(arguments) or open_frames(*arguments))
+    rows, stars = truth_rows(frames, withheld_names(frames))
+    assert submit(tmp_path, folder, rows, stars).exit_code == 0
+    assert len(opened) == 1
+    if faulty == "answers":
+        rows[3] = (rows[3][0], "fix", 95, 0, 0.01, 0.004, 0.02, 1.0, 5.0)
+    else:
+        stars[3] = (stars[3][0], "left", 0, "")
+    run = submit(tmp_path, folder, rows, stars, name="other")
+    assert run.exit_code == 1
+    expected = "line 5: lat_deg: found 95" if faulty == "answers" else "line 5: u_px: found 'left'"
+    assert f"{tmp_path / faulty}.csv: {expected}" in run.output
+    assert len(opened) == 1
 
 
 @pytest.mark.parametrize(
