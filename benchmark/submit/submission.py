@@ -222,7 +222,7 @@ def _answer(row: Mapping[str, Cell], line: int, notes: Notes) -> _Answer | None:
     en = _number(row, "cov_en", line, notes, -limit, limit)
     nn = _number(row, "cov_nn", line, notes, 0.0, limit)
     confidence = _number(row, "confidence", line, notes, 0.0, 1.0)
-    time_ms = _number(row, "time_ms", line, notes, 0.0, LONGEST_TIME_MS)
+    time_ms = _time(row, line, notes)
     covariance = None
     given = [value is not None for value in (ee, en, nn)]
     if any(given) and not all(given):
@@ -254,6 +254,16 @@ def _number(
         notes.add(line, column, f"found {value:.6g}, expected {low:g} to {high:g}")
         return None
     return float(value)
+
+
+def _time(row: Mapping[str, Cell], line: int, notes: Notes) -> float | None:
+    """Time of an answer, ms; a claimed 0 is no measurement, and would rank before every solver that was timed."""
+    value = _number(row, "time_ms", line, notes, -math.inf, math.inf)
+    if value is not None and not 0.0 < value <= LONGEST_TIME_MS:
+        expected = f"above 0, at most {LONGEST_TIME_MS:g}, or nothing where the time was not measured"
+        notes.add(line, "time_ms", f"found {value:.6g}, expected {expected}")
+        return None
+    return value
 
 
 def _integer(row: Mapping[str, Cell], column: str, line: int, notes: Notes) -> int | None:
