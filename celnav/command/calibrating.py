@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from celnav.command.camera_file import read_camera_file
 from celnav.command.pointing import Pointing
+from celnav.command.remedies import naming_formats
 from celnav.command.whole_file import write_whole
 from celnav.detecting.image_file import read_mask
 from celnav.errors import ConfigError
@@ -42,7 +43,8 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     ):
         if path is not None and not Path(path).resolve().parent.is_dir():
             raise ConfigError(f"{option} {path}: its folder does not exist")
-    mask = None if arguments.mask is None else read_mask(arguments.mask)
+    with naming_formats():
+        mask = None if arguments.mask is None else read_mask(arguments.mask)
     if arguments.mask_out is not None and mask is None:
         mask = learnt_mask(arguments.frames)
         if mask is None:
@@ -52,9 +54,10 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
             )
     widths = (None,) if all(path.endswith(".json") for path in arguments.frames) else (None, *WIDER_SIGMAS_PX)
     for sigma_px in widths:
-        frames = read_frames(
-            arguments.frames, arguments.utc, arguments.time_zone, arguments.exif_time_is, mask, sigma_px
-        )
+        with naming_formats():
+            frames = read_frames(
+                arguments.frames, arguments.utc, arguments.time_zone, arguments.exif_time_is, mask, sigma_px
+            )
         guess = None if arguments.camera is None else read_camera_file(arguments.camera, frames[0].size).camera
         try:
             found = calibrate(

@@ -22,6 +22,7 @@ from celnav.command.exif import PhotoTags, read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
+from celnav.command.remedies import check_size, naming_attitudes, naming_formats
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image, read_mask, refuse_raw, without_blanks
 from celnav.detection import FAINT_STARS, DetectionConfig, detect
@@ -42,6 +43,10 @@ FEWEST_TO_MIRROR = 12
 MIRRORED = (
     "the stars are those of a mirrored picture: turn it over, rows from the bottom up (as programs that write FITS files may "
     "have them) or columns from the right"
+)
+VERTICAL_WANTED = (
+    "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0, or --attitude "
+    "zenith of a camera that looks straight up"
 )
 
 UNKNOWN = "unknown"
@@ -98,16 +103,19 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         from celnav.command.plot import check_plot_path
 
         check_plot_path(arguments.plot)
-    with clock.stage("reading"):
+    with clock.stage("reading"), naming_formats():
         image = read_image(arguments.image)
         tags = read_tags(arguments.image)
         near = _near(arguments.near, arguments.solver)
         sigmas = read_sigmas(arguments.sigma)
         told = None if _nothing_told(arguments, tags) else _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
-        attitude = read_attitude(arguments.attitude, tags.up, moment.utc)
+        with naming_attitudes(arguments.attitude):
+            attitude = read_attitude(arguments.attitude, tags.up, moment.utc)
         image, mask = without_blanks(image, None if arguments.mask is None else read_mask(arguments.mask, image.shape))
         air = usual_weather(arguments.height_m, arguments.pressure_hpa, arguments.temperature_c)
+        if told is not None:
+            check_size(told.camera, image.shape)
     if told is None:
         from celnav.unknown_camera import find_camera
 
@@ -136,8 +144,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         fix = _with_hint_of_other_lens(fix, lens, stars)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
-        wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"
-        fix = replace(fix, message=wanted + by_tags)
+        fix = replace(fix, message=VERTICAL_WANTED + by_tags)
     limit = field_limit(lens.camera, arguments.solver)
     found = Answer(
         fix=replace(fix, solver=arguments.solver),

@@ -46,6 +46,8 @@ def files(sky, tmp_path_factory):
     exif.get_ifd(0x8769).update(PHOTO)
     eight_bits.save(folder / "photo.jpg", quality=98, exif=exif.tobytes())
     Image.fromarray(np.full_like(deep, 200)).save(folder / "blank.png")
+    eight_bits.save(folder / "sky.bmp")
+    Image.fromarray(deep.T).save(folder / "upright.png")
     (folder / "cut.png").write_bytes((folder / "deep.png").read_bytes()[:5000])
     camera = {"model": "pinhole", "width": 1080, "height": 720, "f_px": sky.F_PX}
     (folder / "camera.json").write_text(json.dumps(camera))
@@ -115,11 +117,16 @@ def test_a_time_limit_ends_the_search(files, capsys):
         ("none.png", {}, "does not exist"),
         ("cut.png", {}, "damaged"),
         ("camera.json", {}, "not a PNG"),
+        ("sky.bmp", {}, "HEIF image: convert a picture of another format to PNG or TIFF"),
+        ("deep.png", {"mask": "sky.bmp"}, "convert a picture of another format to PNG or TIFF"),
         ("deep.png", {"utc": "2020-01-01T00:00:00"}, "zone"),
         ("deep.png", {"camera": "small.json"}, "640 x 720"),
+        ("deep.png", {"camera": "small.json"}, "calibrate again for cropped or binned ones, or give --camera unknown"),
+        ("upright.png", {}, "the camera is 1080 x 720 pixels, but the image 720 x 1080: turn the picture back"),
         ("deep.png", {"camera": "none.json"}, "cannot read camera"),
         ("deep.png", {"attitude": "camera.json"}, "R_cam"),
         ("deep.png", {"attitude": "altitude=91"}, "between -90 and 90"),
+        ("deep.png", {"attitude": "zenit"}, "zenith-north-up"),
         ("deep.png", {"plot": "found.jpg"}, ".png"),
         ("deep.png", {"plot": "nowhere/found.png"}, "folder does not exist"),
         ("deep.png", {"focal-length-mm": 8}, "--camera"),
@@ -187,7 +194,7 @@ def test_stars_without_a_vertical_are_no_position(files, capsys):
     assert main(["solve", str(files / "deep.png"), "--camera", str(files / "camera.json"), "--utc", SITE[0]]) == 1
     text = capsys.readouterr().out
     assert "vertical_required" in text
-    assert "--attitude" in text
+    assert "--attitude altitude=45,roll=0, or --attitude zenith" in " ".join(text.split())
     assert "right ascension" in text
 
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from celnav import Attitude, Pointing
-from celnav.command.attitude_option import read_attitude
+from celnav.command.attitude_option import _KEYS, read_attitude
+from celnav.command.remedies import ATTITUDE_KEYS, ATTITUDE_NAMES, naming_attitudes
 from celnav.errors import AttitudeError
 
 EAST, NORTH, UP = np.eye(3)
@@ -97,3 +98,21 @@ def test_the_option_reads_angles() -> None:
 def test_a_malformed_option_is_refused(text, message) -> None:
     with pytest.raises(AttitudeError, match=message):
         read_attitude(text)
+
+
+@pytest.mark.parametrize("text", ["zenit", "pitch=3", "no-such-file.json"])
+def test_what_is_no_file_is_told_what_the_option_may_be(text) -> None:
+    with pytest.raises(AttitudeError) as told, naming_attitudes(text):
+        read_attitude(text)
+    message = str(told.value)
+    assert message.startswith(f"cannot read attitude file {text}")
+    assert "zenith, zenith-north-up" in message
+    assert "azimuth=, altitude=, roll=" in message
+    assert ATTITUDE_KEYS == _KEYS
+    for name in ATTITUDE_NAMES:
+        read_attitude(name, up=(0.0, 0.0, 1.0))
+
+
+def test_a_file_that_exists_keeps_its_own_message(tmp_path) -> None:
+    with pytest.raises(AttitudeError, match=r"Is a directory$"), naming_attitudes(str(tmp_path)):
+        read_attitude(str(tmp_path))
