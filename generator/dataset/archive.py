@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import tarfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from generator.errors import GeneratorError
 from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
@@ -31,6 +34,8 @@ BYTES_PER_PIXEL = {
 }
 """Bytes per pixel allowed for a member beyond that: more than its pixels take without any compression; for expected electrons
 16 channels, for a video 256 frames."""
+EXTENDED_HEADERS = (b"L", b"K", b"x", b"X", b"g")
+"""Types of headers that give long names and attributes of the next member, by GNU and by pax; names of frames need none."""
 SUFFIXES = (*BYTES_PER_PIXEL, "json")
 """Members that a frame may have, in any order."""
 _MEMBER = re.compile(rf"(frame-\d{{5,8}})\.({'|'.join(re.escape(suffix) for suffix in SUFFIXES)})", re.ASCII)
@@ -74,24 +79,24 @@ def read_frames(path: Path) -> Iterator[StoredFrame]:
         regular file, larger than the archive itself or than its frame's pixels can need, or given twice; or a frame is
         out of order or has an invalid record.
     """
-    with _opened(path) as archive:
-        for frame_id, members in _frames(path, archive):
+    with _opened(path) as stream:
+        for frame_id, members in _frames(path, stream):
             contents = {}
             if "json" in members:
-                contents["json"] = _content(archive, members["json"])
+                contents["json"] = _content(stream, members["json"])
             check_sizes(
                 path, frame_id, {suffix: member.size for suffix, member in members.items()}, contents.get("json")
             )
-            contents |= {suffix: _content(archive, member) for suffix, member in members.items() if suffix != "json"}
+            contents |= {suffix: _content(stream, member) for suffix, member in members.items() if suffix != "json"}
             yield StoredFrame(frame_id, contents)
 
 
 def frame_places(path: Path) -> dict[str, dict[str, Place]]:
     """Return the places of each frame's members, by frame and suffix. Raises GeneratorError as :func:`read_frames`."""
-    with _opened(path) as archive:
+    with _opened(path) as stream:
         return {
             frame_id: {suffix: Place(member.offset_data, member.size) for suffix, member in members.items()}
-            for frame_id, members in _frames(path, archive)
+            for frame_id, members in _frames(path, stream)
         }
 
 
@@ -129,9 +134,9 @@ def check_holes(path: Path) -> None:
     if state.st_blocks * 512 >= state.st_size:
         return
     try:
-        with _opened(path) as archive:
-            for frame_id, members in _frames(path, archive):
-                record = _content(archive, members["json"]) if "json" in members else None
+        with _opened(path) as stream:
+            for frame_id, members in _frames(path, stream):
+                record = _content(stream, members["json"]) if "json" in members else None
                 check_sizes(path, frame_id, {suffix: member.size for suffix, member in members.items()}, record)
     except TooLargeError:
         raise
@@ -152,10 +157,10 @@ def read_place(path: Path, place: Place) -> bytes:
     return data
 
 
-def _frames(path: Path, archive: tarfile.TarFile) -> Iterator[tuple[str, dict[str, tarfile.TarInfo]]]:
+def _frames(path: Path, stream: BinaryIO) -> Iterator[tuple[str, dict[str, tarfile.TarInfo]]]:
     """Yield the frames of an archive with their members by suffix, each checked."""
     current, members = "", dict[str, tarfile.TarInfo]()
-    for member in archive:
+    for member in _members(path, stream):
         frame_id, suffix = _checked(path, member)
         if frame_id != current:
             if (len(frame_id), frame_id) < (len(current), current):
@@ -178,21 +183,48 @@ def read_member(path: Path, name: str) -> bytes:
     GeneratorError
         The archive is damaged, has no such member, or the format does not allow it (see :func:`read_frames`).
     """
-    with _opened(path) as archive:
-        for member in archive:
+    with _opened(path) as stream:
+        for member in _members(path, stream):
             if member.name == name:
                 _checked(path, member)
-                return _content(archive, member)
+                return _content(stream, member)
     raise GeneratorError(f"{path}: has no member {name!r}; run `skybench verify`")
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tarfile.TarFile]:
+def _opened(path: Path) -> Iterator[BinaryIO]:
     try:
-        with tarfile.open(path, "r:") as archive:
-            yield archive
+        # The type is that of the opened file: a pipe would wait for a writer, and a device has no end.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        with open(handle, "rb") as stream:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise tarfile.ReadError("not a regular file")
+            yield stream
     except (tarfile.TarError, OSError, EOFError, ValueError, OverflowError) as error:
         raise GeneratorError(f"{path}: damaged ({error}); run `skybench verify`") from error
+
+
+def _members(path: Path, stream: BinaryIO) -> Iterator[tarfile.TarInfo]:
+    """Yield the members of an archive from their headers of 512 bytes, which are all that is read here.
+
+    A `tarfile.TarFile` would read the long names and extended attributes in front of a member first, whatever their size.
+    """
+    offset, end = 0, os.fstat(stream.fileno()).st_size
+    while True:
+        stream.seek(offset)
+        block = stream.read(tarfile.BLOCKSIZE)
+        if not block.strip(b"\0"):
+            if end == 0:
+                raise tarfile.ReadError("empty file")
+            return
+        member = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
+        if member.type in EXTENDED_HEADERS:
+            raise _refused(path, member, f"is an extended header (type {member.type.decode()!r})")
+        member.offset_data = offset + tarfile.BLOCKSIZE
+        yield member
+        if not 0 <= member.size <= end - member.offset_data:
+            raise tarfile.ReadError("unexpected end of data")
+        offset = member.offset_data + -(-member.size // tarfile.BLOCKSIZE) * tarfile.BLOCKSIZE
 
 
 def _checked(path: Path, member: tarfile.TarInfo) -> tuple[str, str]:
@@ -203,7 +235,7 @@ def _checked(path: Path, member: tarfile.TarInfo) -> tuple[str, str]:
     if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
         raise _refused(path, member, "is not a regular file")
     largest = LARGEST_RECORD_BYTES if match[2] == "json" else LARGEST_MEMBER_BYTES
-    if member.size > min(largest, path.stat().st_size):
+    if not 0 <= member.size <= min(largest, path.stat().st_size):
         raise _refused(path, member, f"claims {member.size} bytes")
     return match[1], match[2]
 
@@ -215,8 +247,9 @@ def _refused(path: Path, member: tarfile.TarInfo, problem: str) -> GeneratorErro
     )
 
 
-def _content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
-    stream = archive.extractfile(member)
-    if stream is None:
-        raise tarfile.ReadError(f"{member.name} has no content")
-    return stream.read()
+def _content(stream: BinaryIO, member: tarfile.TarInfo) -> bytes:
+    stream.seek(member.offset_data)
+    data = stream.read(member.size)
+    if len(data) != member.size:
+        raise tarfile.ReadError("unexpected end of data")
+    return data

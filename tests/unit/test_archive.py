@@ -2,23 +2,28 @@
 
 import io
 import json
+import os
 import tarfile
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from unit.benchmark.fake_night import frame_record
 
-from generator.dataset.archive import StoredFrame, read_frames, read_member
+from generator.dataset.archive import StoredFrame, frame_places, read_frames, read_member
 from generator.errors import GeneratorError
 
 RECORD = json.dumps(frame_record("frame-00009", 9, 3, 48.0, 11.0, 160, 120, 0, "fake night")).encode()
 
 
 def archive_of(
-    path: Path, *members: tuple[str, bytes], change: Callable[[tarfile.TarInfo], None] = lambda member: None
+    path: Path,
+    *members: tuple[str, bytes],
+    change: Callable[[tarfile.TarInfo], None] = lambda member: None,
+    form: int = tarfile.USTAR_FORMAT,
 ) -> Path:
-    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as archive:
+    with tarfile.open(path, "w", format=form) as archive:
         for name, data in members:
             member = tarfile.TarInfo(name)
             member.size = len(data)
@@ -75,11 +80,52 @@ def test_a_sparse_member_is_refused_before_it_fills_the_memory(tmp_path) -> None
     def change(member: tarfile.TarInfo) -> None:
         member.pax_headers = {"GNU.sparse.map": "0,1", "GNU.sparse.size": "5000000000", "GNU.sparse.numblocks": "1"}
 
-    path = archive_of(tmp_path / "a.tar", ("frame-00000.png", b"x"), change=change)
+    path = archive_of(tmp_path / "a.tar", ("frame-00000.png", b"x"), change=change, form=tarfile.PAX_FORMAT)
     with tarfile.open(path) as archive:
         assert archive.getmembers()[0].issparse()
-    with pytest.raises(GeneratorError, match="is not a regular file"):
+    with pytest.raises(GeneratorError, match=r"a\.tar: its member .* is an extended header \(type 'x'\)"):
         list(read_frames(path))
+
+
+@pytest.mark.parametrize("kind", [b"L", b"K", b"x", b"X", b"g"])
+@pytest.mark.parametrize("after_a_frame", [False, True])
+def test_extended_headers_are_refused_before_their_content_is_read(tmp_path, kind, after_a_frame) -> None:
+    """A hole of gigabytes in front of a member, which a reader of long names and attributes would take into memory."""
+    path = tmp_path / "a.tar"
+    header = tarfile.TarInfo("././@LongLink")
+    header.type, header.size = kind, 3 * 2**30
+    with path.open("wb") as stream:
+        if after_a_frame:
+            stream.write(tarfile.TarInfo("frame-00000.png").tobuf())
+        stream.write(header.tobuf(tarfile.GNU_FORMAT))
+        stream.truncate(stream.tell() + header.size + 2 * tarfile.BLOCKSIZE)
+    tracemalloc.start()
+    try:
+        for read in (lambda: list(read_frames(path)), lambda: frame_places(path), lambda: read_member(path, "other")):
+            with pytest.raises(GeneratorError, match=rf"a\.tar: .* is an extended header \(type '{kind.decode()}'"):
+                read()
+        assert tracemalloc.get_traced_memory()[1] < 10**7
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_size_below_zero_does_not_lead_backwards(tmp_path) -> None:
+    member = tarfile.TarInfo("frame-00000.png")
+    header = bytearray(member.tobuf())
+    header[124:136] = (-512).to_bytes(12, "big", signed=True)
+    header[148:156] = b"%06o\0 " % sum(header[:148] + b" " * 8 + header[156:])
+    (tmp_path / "a.tar").write_bytes(bytes(header) + bytes(1024))
+    with pytest.raises(GeneratorError, match="claims -512 bytes"):
+        list(read_frames(tmp_path / "a.tar"))
+    with pytest.raises(GeneratorError, match="unexpected end of data"):
+        read_member(tmp_path / "a.tar", "other")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pipes")
+def test_a_pipe_in_the_place_of_an_archive_is_not_waited_for(tmp_path) -> None:
+    os.mkfifo(tmp_path / "a.tar")
+    with pytest.raises(GeneratorError, match=r"a\.tar: damaged \(not a regular file\)"):
+        list(read_frames(tmp_path / "a.tar"))
 
 
 def test_a_member_larger_than_its_archive_is_refused(tmp_path) -> None:
