@@ -10,6 +10,7 @@ from pathlib import Path
 
 from celnav.command.answer import json_of, printable, text_of
 from celnav.command.arguments import parser
+from celnav.command.input_files import check_input_files
 from celnav.command.solving import answer
 from celnav.errors import CelnavError
 
@@ -22,6 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     status = EXIT_FIX
     try:
+        check_input_files(arguments)
         if arguments.command == "calibrate":
             from celnav.command.calibrating import calibrate_files
 

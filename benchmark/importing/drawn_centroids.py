@@ -18,9 +18,13 @@ from scipy.special import ndtr
 
 from benchmark.errors import PhotographError
 from celnav.calibrating.frames import CalibrationFrame
-from celnav.command.calibration_frames import read_rms_centroids
-from celnav.errors import CelnavError
+from celnav.command.calibration_frames import MAX_BYTES, read_rms_centroids
+from celnav.command.input_files import check_file
+from celnav.command.rms_file import check_rms_file
+from celnav.detecting.image_file import MAX_PIXELS
+from celnav.errors import CalibrationError, CelnavError
 from generator.files import atomic_path
+from generator.reading.record import LARGEST_SIDE_PX
 
 Floats = NDArray[np.float64]
 
@@ -52,13 +56,33 @@ def draw_centroids(platepars: Path, folder: Path, names: Sequence[str] | None = 
         The file has no such centroids, or a picture cannot be written.
     """
     try:
-        frames = {frame.name: frame for frame in read_rms_centroids(platepars)}
+        frames = {frame.name: frame for frame in checked_centroids(platepars)}
     except CelnavError as error:
         raise PhotographError(str(error)) from error
     absent = [name for name in names or () if name not in frames]
     if absent:
         raise PhotographError(f"{platepars}: has no centroids of {absent[0]}")
-    return [_written(frames[name], folder) for name in (sorted(frames) if names is None else names)]
+    wanted = sorted(frames) if names is None else names
+    for name in wanted:
+        _check_size(platepars, frames[name])
+    return [_written(frames[name], folder) for name in wanted]
+
+
+def checked_centroids(platepars: Path) -> list[CalibrationFrame]:
+    """Read a file of RMS' platepars from a third party. Raises CelnavError for one that cannot be used."""
+    check_file(platepars, f"file of centroids {platepars}", CalibrationError, MAX_BYTES)
+    check_rms_file(platepars)
+    return read_rms_centroids(platepars)
+
+
+def _check_size(platepars: Path, frame: CalibrationFrame) -> None:
+    """Refuse a frame that would be a picture larger than any that is read again."""
+    width, height = frame.size
+    if max(width, height) > LARGEST_SIDE_PX or width * height > MAX_PIXELS:
+        raise PhotographError(
+            f"{platepars}: frame {frame.name[:80]}: X_res = {width} and Y_res = {height} must be at most {LARGEST_SIDE_PX} "
+            f"pixels each, {MAX_PIXELS // 10**6} million together: mend them"
+        )
 
 
 def drawn(frame: CalibrationFrame) -> NDArray[np.uint16]:

@@ -16,10 +16,9 @@ from typing import Any
 
 import celnav
 from benchmark.errors import PhotographError
-from benchmark.importing.drawn_centroids import draw_centroids
+from benchmark.importing.drawn_centroids import checked_centroids, draw_centroids
 from benchmark.importing.told import ToldCamera
 from benchmark.place import Place
-from celnav.command.calibration_frames import read_rms_centroids
 from generator.errors import GeneratorError
 from generator.reading.json_text import strict_json
 
@@ -91,7 +90,7 @@ def calibrate_night(folder: Path, place: Place) -> ToldCamera:
             f"{path}: missing, so the camera is not known; give --camera, made by `celnav calibrate` on some of the FF files"
         )
     try:
-        frames = read_rms_centroids(path)
+        frames = checked_centroids(path)
         chosen = frames[:: max(1, math.ceil(len(frames) / MOST_CALIBRATED))]
         found = celnav.calibrate(chosen, place.latitude_deg, place.longitude_deg, height_m=place.height_m)
     except celnav.CelnavError as error:

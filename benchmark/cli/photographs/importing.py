@@ -84,21 +84,21 @@ def photos(
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset from photographs taken at one place."""
-    from benchmark.importing.photographs import Clock, check_names, photographs_in, read_times
-    from benchmark.importing.told import read_told
+    from benchmark.importing.given_files import read_given_camera, read_given_times
+    from benchmark.importing.photographs import Clock, check_names, photographs_in
     from benchmark.importing.write import Import
     from benchmark.place import Place
 
     try:
         files = photographs_in(folder)
-        clock = Clock(time_zone, stamp.value, exposure_s, {} if times is None else read_times(times))
+        clock = Clock(time_zone, stamp.value, exposure_s, {} if times is None else read_given_times(times))
         if times is not None:
             check_names(clock.table, files, times)
         given = Import(
             name or folder.resolve().name,
             files,
             Place(*site),
-            read_told(camera, attitude),
+            read_given_camera(camera, attitude),
             clock,
             gain,
         )
@@ -136,8 +136,8 @@ def rms(
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset from a meteor camera's night."""
+    from benchmark.importing.given_files import read_given_camera
     from benchmark.importing.rms import calibrate_night, read_night
-    from benchmark.importing.told import read_told
     from benchmark.importing.write import Import
     from benchmark.place import Place
 
@@ -148,7 +148,7 @@ def rms(
                 with working("calibrating the camera on the night's centroids"):
                     told = calibrate_night(folder, night.place)
             else:
-                told = read_told(camera)
+                told = read_given_camera(camera)
             _make(Import(name or night.station, night.files, night.place, told), out, overwrite, as_json)
     except (BenchmarkError, GeneratorError) as error:
         fail(error)

@@ -2,12 +2,13 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from photograph_files import CAMERA, PLACE, true_attitude, write_camera
+from photograph_files import CAMERA, PLACE, true_attitude, write_camera, write_fits
 from typer.testing import CliRunner
 
 import celnav
@@ -145,3 +146,61 @@ def test_a_task_of_centroids_grades_its_frames(night: Path, tmp_path: Path, monk
         (folder / "small-drawn.yaml").write_text(yaml.safe_dump(tree | change), encoding="utf-8")
         with pytest.raises(TaskError, match=words):
             load_real_task("small-drawn")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        (
+            NIGHT[0],
+            {"X_res": 100_000, "Y_res": 100_000},
+            "X_res = 100000 and Y_res = 100000 must be at most 16384 pixels",
+        ),
+        (NIGHT[0], {"X_res": 16_000, "Y_res": 16_000}, "100 million together"),
+        (NIGHT[0], {"star_list": 5}, "star_list must be rows"),
+        (NIGHT[0], {"star_list": [[10**400, 1, 2, 3]] * 20}, "star_list has a number beyond the range of floats"),
+        ("FF_\ud800.fits", {}, r"FF_\\ud800\.fits': its name must be that of a file"),
+        ("FF_\0.fits", {}, r"FF_\\x00\.fits': its name must be that of a file"),
+    ],
+)
+def test_centroids_of_a_stranger_are_refused_in_a_line(name, change, words, tmp_path: Path) -> None:
+    place = {"lat": PLACE.latitude_deg, "lon": PLACE.longitude_deg, "elev": PLACE.height_m}
+    platepar = place | {"X_res": 320, "Y_res": 240, "auto_recalibrated": True}
+    platepar |= {"star_list": [[2458864.3, 10.0 + n, 20.0, 100.0] for n in range(30)]} | change
+    (tmp_path / "night").mkdir()
+    path = tmp_path / "night" / "platepars_all_recalibrated.json"
+    path.write_text(json.dumps({name: platepar}))
+    with pytest.raises(PhotographError, match=words):
+        draw_centroids(path, tmp_path / "drawn")
+    camera = write_camera(tmp_path / "camera.json")
+    command = [
+        "import",
+        "rms",
+        str(path.parent),
+        "--centroids",
+        "--camera",
+        str(camera),
+        "--out",
+        str(tmp_path / "set"),
+    ]
+    told = CliRunner().invoke(app, command)
+    assert told.exit_code == 2, told.output
+    assert str(path) in told.output
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pipes")
+def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "platepars_all_recalibrated.json"
+    os.mkfifo(pipe)
+    camera = str(write_camera(tmp_path / "camera.json"))
+    site = ["--site", "52", "4", "0"]
+    for words in (
+        ["rms", str(tmp_path), "--centroids", *site],
+        ["photos", str(tmp_path), *site, "--camera", str(pipe)],
+        ["photos", str(tmp_path), *site, "--camera", camera, "--attitude", str(pipe)],
+        ["photos", str(tmp_path), *site, "--camera", camera, "--times", str(pipe)],
+    ):
+        write_fits(tmp_path / "one.fits")
+        told = CliRunner().invoke(app, ["import", *words, "--out", str(tmp_path / "set")])
+        assert told.exit_code == 2, told.output
+        assert "is a pipe or a device" in told.output
