@@ -76,9 +76,10 @@ def twin(
     In a folder that `skybench import` wrote, the records state place, time, lens and attitude; the scene has the sensor.
     The twins with their truth are a dataset in OUT/frames.
     """
+    from benchmark.twin.given_files import read_given_passing
     from benchmark.twin.of_source import twin_of
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
-    from benchmark.twin.scene import read_passing, read_scene
+    from benchmark.twin.scene import read_scene
     from benchmark.twin.sources import check_names, sources_of
     from benchmark.twin.truth import FRAMES, TruthFolder
     from generator.scenario.packed import check_packages
@@ -87,7 +88,7 @@ def twin(
     try:
         check_packages(place := find_scenario(scene))
         given = read_scene(place)
-        trails = {} if passing is None else read_passing(passing)
+        trails = {} if passing is None else read_given_passing(passing)
         sources = sources_of(photographs)
         if ground is not None:
             _check_alone(ground, {"--mask": mask, "--passing": passing})

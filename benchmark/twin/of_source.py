@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.photographed.view import not_sky_of
+from benchmark.twin.given_files import check_mask
 from benchmark.twin.render_twin import make_twin
 from benchmark.twin.scene import Scene
 from benchmark.twin.sources import Source
@@ -34,6 +35,8 @@ def twin_of(
     PhotographError
         The photograph or the mask cannot be used.
     """
+    if mask is not None:
+        check_mask(mask)
     own, photograph = source.read(scene)
     hidden = None if mask is None else not_sky_of(mask, own.camera)
     video = photograph.mean_of_video or own.spec.sensor.video is not None

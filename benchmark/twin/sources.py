@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmark.errors import PhotographError
 from benchmark.place import Place
+from benchmark.twin.given_files import check_photograph
 from benchmark.twin.imported import ImportedFrame, imported_frames, read_imported, scene_of
 from benchmark.twin.photograph import Photograph, name_of, read_photograph
 from benchmark.twin.scene import Scene
@@ -40,6 +41,7 @@ class Source:
             It cannot be read, or does not fit the scene.
         """
         if self.imported is None:
+            check_photograph(self.path)
             site = scene.spec.site
             return scene, read_photograph(self.path, Place(site.latitude_deg, site.longitude_deg, site.height_m))
         photograph = read_imported(self.imported)

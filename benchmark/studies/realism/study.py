@@ -32,6 +32,7 @@ from benchmark.studies.realism.imported_pairs import imported_pairs
 from benchmark.studies.realism.likeness import Likeness
 from benchmark.studies.realism.pairs import Pairs, make_pairs
 from benchmark.studies.realism.star_tables import pairs_of, star_figures, star_tables
+from benchmark.twin.given_files import check_photograph
 from benchmark.twin.scene import Scene
 from benchmark.twin.sources import sources_of
 from generator.files import write_bytes
@@ -161,6 +162,8 @@ def _pairs(
     if mask is not None:
         raise ResultsError(f"--mask {mask}: is for a folder of photographs; for FITS files the scene's ground is used")
     _check_enough(len(photographs))
+    for path in (*photographs, calibrated_on):
+        check_photograph(path)
     progress.begin("twins", len(photographs) + 1)
     return make_pairs(scene, photographs, calibrated_on, work, progress.advance)
 
