@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("--mask", type=Path, required=True)
     parser.add_argument("--stars", type=Path)
     given = parser.parse_args()
-    sky = binary_erosion(np.asarray(Image.open(given.mask).convert("L")) > 0, iterations=8)
+    sky = binary_erosion(np.asarray(Image.open(given.mask, formats=("PNG", "BMP")).convert("L")) > 0, iterations=8)
     sky[:MARGIN_PX] = sky[-MARGIN_PX:] = sky[:, :MARGIN_PX] = sky[:, -MARGIN_PX:] = False
     pictures = [read_stack(unpacked_bytes(path), path.name).mean.astype(float) for path in given.stacks]
     fine = [picture - median_filter(picture, FINE_PX) for picture in pictures]

@@ -126,10 +126,13 @@ def parse_rules(text: str, source: str) -> Rules:
     try:
         tree = yaml.load(text, Loader=StrictLoader)  # a SafeLoader underneath
         file = RulesFile.model_validate(tree)
-    except yaml.YAMLError as error:
-        raise RoundError(f"{source}: not valid YAML ({' '.join(str(error).split())})") from error
     except ValidationError as error:
         raise RoundError(f"{source}: {wrong_key(error, RulesFile)}") from error
+    except RecursionError as error:
+        raise RoundError(f"{source}: not valid YAML (nested too deep)") from error
+    # An integer of thousands of digits raises a ValueError.
+    except (ValueError, yaml.YAMLError) as error:
+        raise RoundError(f"{source}: not valid YAML ({' '.join(str(error).split())})") from error
     rules = Rules(file, text)
     names = [kind.name for kind in file.kinds]
     if len(set(names)) != len(names):

@@ -12,8 +12,10 @@ from typing import Any
 
 import yaml
 
+from benchmark.errors import TaskError
 from benchmark.tasks.card import card, limits
 from benchmark.tasks.definition import LARGEST_FILE_BYTES, SPLITS, SplitName, Task, load_task, task_names
+from benchmark.yaml_file import read_yaml
 from generator.dataset.manifest import Manifest
 from generator.export.huggingface import EVAL, TASK_CARD_PREFIX
 from generator.files import write_bytes
@@ -50,6 +52,11 @@ def write_eval(folder: Path, found: TaskSplit, hub_split: str) -> None:
     found : TaskSplit
     hub_split : str
         Name of the split in the repository.
+
+    Raises
+    ------
+    TaskError
+        There is an ``eval.yaml`` that cannot be read.
     """
     definition = found.task.definition
     identity = f"{definition.name}-{definition.revision}-{found.split}"
@@ -66,9 +73,10 @@ def write_eval(folder: Path, found: TaskSplit, hub_split: str) -> None:
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:
-    """Read the tasks listed in an existing file."""
-    if not path.is_file() or path.stat().st_size > LARGEST_FILE_BYTES:
+    """Read the tasks listed in an existing file. Raises TaskError if it cannot be read, since it would be replaced."""
+    if not path.exists():
         return []
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    found = content.get("tasks", []) if isinstance(content, dict) else []
+    found = read_yaml(path, LARGEST_FILE_BYTES, TaskError).get("tasks")
+    if not isinstance(found, list):
+        raise TaskError(f"{path}: tasks: expected a list; mend it, or move the file away")
     return [entry for entry in found if isinstance(entry, dict) and isinstance(entry.get("id"), str)]

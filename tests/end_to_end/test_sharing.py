@@ -10,6 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
+from benchmark.errors import TaskError
 from benchmark.tasks.definition import load_task
 from benchmark.tasks.hub import TaskSplit, task_of, write_eval
 from generator.dataset.manifest import Manifest, read_manifest
@@ -88,6 +89,22 @@ def test_tasks_of_a_repository(tmp_path) -> None:
         {"id": "bortle-2-test", "config": "frames", "split": "test"},
     ]
     assert (tmp_path / "task-bortle.md").read_text().startswith("## bortle@2")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("a: &a [x]\nb: *a\n", "aliases"),
+        ("[" * 9000, "nested too deep"),
+        ("a: [}", "cannot be read"),
+        ("tasks: 5\n", "a list"),
+    ],
+)
+def test_a_list_of_tasks_that_cannot_be_read_is_not_replaced(tmp_path, content, words) -> None:
+    (tmp_path / "eval.yaml").write_text(content)
+    with pytest.raises(TaskError, match=rf"eval\.yaml: .*{words}"):
+        write_eval(tmp_path, TaskSplit(load_task("bortle"), "test"), "test")
+    assert (tmp_path / "eval.yaml").read_text() == content
 
 
 def test_the_command_adds_the_task_of_a_dataset(small_set, tmp_path, monkeypatch) -> None:

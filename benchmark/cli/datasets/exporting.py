@@ -10,6 +10,7 @@ import typer
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json
 from benchmark.cli.progress import progress_bars
+from benchmark.errors import BenchmarkError
 from generator.errors import GeneratorError
 
 FORMS = ("files", "coco", "yolo", "fits", "huggingface", "withheld")
@@ -56,7 +57,7 @@ def export(
             found = task_of(manifest)
             if found is not None:
                 write_eval(out, found, manifest.split)
-    except GeneratorError as error:
+    except (BenchmarkError, GeneratorError) as error:
         fail(error)
     if as_json:
         print_json({"form": to, "out": out})

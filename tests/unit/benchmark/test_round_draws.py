@@ -199,6 +199,8 @@ def test_a_secret_is_new_private_and_of_128_bits(tmp_path) -> None:
         ("share: 3", "share: 0", r"kinds\.0\.share"),
         ("aperture_mm: 12", "aperture_m: 12", "aperture_m"),
         ("title:", "more: 1\ntitle:", "more"),
+        ("title:", "more: " + "[" * 9000 + "\ntitle:", "nested too deep"),
+        ("title:", "more: " + "9" * 5000 + "\ntitle:", "not valid YAML"),
     ],
 )
 def test_rules_that_cannot_be_drawn_by_are_refused(before, after, words) -> None:
