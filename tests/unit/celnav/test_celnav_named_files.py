@@ -2,7 +2,6 @@
 
 import json
 import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,8 @@ ROW = [2458864.3, 10.0, 20.0, 100.0]
 
 
 @pytest.fixture(scope="module")
-def image() -> str:
-    folder = Path(tempfile.mkdtemp())
+def image(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("named")
     Image.fromarray(np.full((120, 160), 20, np.uint8)).save(folder / "image.png")
     (folder / "camera.json").write_text(json.dumps(CAMERA))
     return str(folder / "image.png")
