@@ -17,6 +17,7 @@ from celnav.camera import Camera
 from celnav.fix import Fix, Reason
 from celnav.matching.protocol import Observation
 from celnav.problem import ToldSigmas
+from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 FREED_FOCAL = 0.1
 """Standard deviation of the logarithm of the focal length where the supplied lens does not hold."""
@@ -78,18 +79,18 @@ def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
 
 
 def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, trusted: bool, n_identifying: int) -> Fix:
-    """Return the answer where the lens is contradicted: a better fix with the lens freed, the fix as it is, or a refusal.
+    """Return the answer where the lens is contradicted: one with the lens freed, or the fix as it is, with doubt or without.
 
-    A refusal follows where no freed lens is better and the stars rule out the one supplied. They do if no freed lens lets
-    them fit one orientation, or if hardly any of them fit: a lens that is far off fits in one part of the field, whose stars
-    agree with each other.
+    The doubt follows where the stars rule out the lens and no freed one gives a place. They do if they fit another lens that
+    contradicts the attitude, if no freed lens lets them fit one orientation, or if hardly any of them fit: a lens that is far
+    off fits in one part of the field, whose stars agree with each other.
 
     Parameters
     ----------
     fix : Fix
         The fix with the lens as supplied.
     freed_fixes : iterable of Fix
-        Fixes with the lens freed, from different starting points; they are taken until one is better.
+        Answers with the lens freed, from different starting points; they are taken until one is better.
     seen : Observation
         The detections.
     trusted : bool
@@ -100,14 +101,15 @@ def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, trus
     failed = []
     for again in freed_fixes:
         if _is_better(again, fix) and not _of_a_part(again, seen):
-            why = f"with another they scatter by {again.residual_rms_px:.1f} px"
-            return _refused(fix, why) if trusted else again
+            if trusted:
+                return _refused(fix, again)
+            # Stars that fit another lens well, but not the attitude, show how little of what was supplied still holds.
+            return _doubted(fix) if again.reason is Reason.INCONSISTENT else again
         failed.append(again)
     if not fix.ok or fix.residual_rms_px <= WIDE_SCATTER_PX or n_identifying < FEWEST_STARS:
         return fix
-    if _of_a_part(fix, seen) or all(again.reason is Reason.INCONSISTENT for again in failed):
-        return _refused(fix, "the others do not fit")
-    return fix
+    unfit = all(again.reason is Reason.INCONSISTENT for again in failed)
+    return _doubted(fix) if unfit or _of_a_part(fix, seen) else fix
 
 
 def _of_a_part(fix: Fix, seen: Observation) -> bool:
@@ -117,21 +119,32 @@ def _of_a_part(fix: Fix, seen: Observation) -> bool:
 
 
 def _is_better(again: Fix, fix: Fix) -> bool:
-    """Whether a fix with the lens freed is to replace the one with the lens as supplied."""
-    stands = again.reason is not Reason.INCONSISTENT and len(again.matches) >= FEWEST_STARS
-    if not stands or again.residual_rms_px > MOST_SCATTER_PX:
+    """Whether the stars fit the freed lens of an answer, which may be a refusal, better than the lens as supplied."""
+    if len(again.matches) < FEWEST_STARS or again.residual_rms_px > MOST_SCATTER_PX:
         return False
     if fix.reason is Reason.INCONSISTENT:
-        return True
+        return again.reason is not Reason.INCONSISTENT
     stars_left = len(again.matches) >= LEFT_STARS * len(fix.matches)
     return stars_left and again.residual_rms_px < LEFT_SCATTER * fix.residual_rms_px
 
 
-def _refused(fix: Fix, why: str) -> Fix:
-    stars = f"{len(fix.matches)} stars scatter by {fix.residual_rms_px:.1f} px about the camera's lens, {why}"
+def _doubted(fix: Fix) -> Fix:
+    """The fix with the vertical as uncertain as the axis of a lens that does not hold (`FREED_CENTRE`)."""
+    if fix.cov_km2 is None:
+        return fix
+    doubt_km2 = (FREED_CENTRE * MEAN_RADIUS_KM) ** 2
+    details = {**fix.details, "lens_doubt_deg": math.degrees(FREED_CENTRE)}
+    return replace(fix, cov_km2=fix.cov_km2 + doubt_km2 * np.eye(2), details=details)
+
+
+def _refused(fix: Fix, with_another: Fix) -> Fix:
+    message = (
+        f"{len(fix.matches)} stars scatter by {fix.residual_rms_px:.1f} px about the camera's lens, with another "
+        f"{len(with_another.matches)} by {with_another.residual_rms_px:.1f} px: calibrate the camera"
+    )
     return replace(
-        fix, ok=False, reason=Reason.INCONSISTENT, message=f"{stars}: calibrate the camera", lat_deg=math.nan,
-        lon_deg=math.nan, cov_km2=None, heading_off_deg=math.nan,
+        fix, ok=False, reason=Reason.INCONSISTENT, message=message, lat_deg=math.nan, lon_deg=math.nan, cov_km2=None,
+        heading_off_deg=math.nan,
     )  # fmt: skip
 
 
