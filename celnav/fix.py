@@ -107,8 +107,7 @@ class Fix:
     solver : str
         Name of the solver.
     details : mapping
-        Further diagnostics for human readers, for example the catalogue depth that the solver chose. No code depends on
-        them.
+        Further diagnostics, for example the number of stars that the frame should show; other solvers have other ones.
     """
 
     ok: bool

@@ -155,7 +155,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         attitude=attitude,
         R_cam=attitude_of(fix, moment.utc, arguments.dut1_s, attitude),
         assumed=(*lens.assumed, *moment.assumed, *_of_attitude(arguments.attitude, attitude, tags)),
-        warnings=(*lens.warnings, *((limit,) if limit else ())),
+        warnings=(*lens.warnings, *((limit,) if limit else ()), *_of_doubt(fix)),
         time_ms=clock.time_ms,
         sigmas=sigmas,
     )
@@ -257,6 +257,17 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
         raise CameraError("--focal-length-mm and --sensor-width-mm go without --camera, which says both")
     file = read_camera_file(arguments.camera, (tags.width, tags.height))
     return _Lens(file.camera, f"{file.kind}, {arguments.camera}", True, file.assumed)
+
+
+def _of_doubt(fix: Fix) -> tuple[str, ...]:
+    """Say that the ellipse is wide because the stars rule out the camera's lens."""
+    doubt_deg = fix.details.get("lens_doubt_deg")
+    if doubt_deg is None:
+        return ()
+    return (
+        f"the stars rule out the camera's lens, so the vertical is doubted by {doubt_deg:.1f} deg: calibrate the camera "
+        "(celnav calibrate), or state how far its axis may be off (--sigma centre=30)",
+    )
 
 
 def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | Solver:
