@@ -172,14 +172,13 @@ class SkybenchSolver:
         with clock.stage("fix"):
             told = self._priors(problem)
             fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment, told)
-            if self.config.calibrate != "full" and lens_contradicted(fix, problem.observation, problem.sigmas):
+            if self.config.calibrate == "auto" and lens_contradicted(fix, problem.observation, problem.sigmas):
                 free = freed(told, problem.observation.camera)
                 again = (
                     self._fix(problem, prepared, orientation, to_terrestrial, alignment, free, kept=kept)
                     for kept in (False, True)
                 )
-                trusted, identifying = self.config.calibrate == "none", len(alignment.detection)
-                fix = with_free_lens(fix, again, problem.observation, trusted, identifying)
+                fix = with_free_lens(fix, again, problem.observation, len(alignment.detection))
             return replace(fix, work=effort.work)
 
     def _time_limit_s(self, problem: Problem) -> float:

@@ -33,6 +33,7 @@ from celnav.position import usual_weather
 from celnav.problem import LastKnown, Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import solve
+from celnav.uncertainty.contradicted import WIDE_SCATTER_PX
 
 if TYPE_CHECKING:
     from celnav.unknown_camera import FoundCamera
@@ -155,7 +156,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         attitude=attitude,
         R_cam=attitude_of(fix, moment.utc, arguments.dut1_s, attitude),
         assumed=(*lens.assumed, *moment.assumed, *_of_attitude(arguments.attitude, attitude, tags)),
-        warnings=(*lens.warnings, *((limit,) if limit else ()), *_of_doubt(fix)),
+        warnings=(*lens.warnings, *((limit,) if limit else ()), *_of_doubt(fix, arguments.calibrate)),
         time_ms=clock.time_ms,
         sigmas=sigmas,
     )
@@ -259,15 +260,20 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
     return _Lens(file.camera, f"{file.kind}, {arguments.camera}", True, file.assumed)
 
 
-def _of_doubt(fix: Fix) -> tuple[str, ...]:
-    """Say that the ellipse is wide because the stars rule out the camera's lens."""
+def _of_doubt(fix: Fix, calibrate: Mode | None) -> tuple[str, ...]:
+    """Say that the stars rule out the camera's lens, or that they scatter widely about one that is to be trusted."""
     doubt_deg = fix.details.get("lens_doubt_deg")
-    if doubt_deg is None:
-        return ()
-    return (
-        f"the stars rule out the camera's lens, so the vertical is doubted by {doubt_deg:.1f} deg: calibrate the camera "
-        "(celnav calibrate), or state how far its axis may be off (--sigma centre=30)",
-    )
+    if doubt_deg is not None:
+        return (
+            f"the stars rule out the camera's lens, so the vertical is doubted by {doubt_deg:.1f} deg: calibrate the camera "
+            "(celnav calibrate), or state how far its axis may be off (--sigma centre=30)",
+        )
+    if calibrate == "none" and fix.ok and fix.residual_rms_px > WIDE_SCATTER_PX:
+        return (
+            f"the stars scatter by {fix.residual_rms_px:.1f} px about the camera's lens, which --calibrate none trusts; if "
+            "it does not hold, the position is off by more than is stated",
+        )
+    return ()
 
 
 def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | Solver:

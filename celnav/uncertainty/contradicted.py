@@ -78,7 +78,7 @@ def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
     return bool((np.abs(shift) > CLEAR_SIGMAS * np.sqrt(own + sigmas.centre_px**2)).any())
 
 
-def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, trusted: bool, n_identifying: int) -> Fix:
+def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, n_identifying: int) -> Fix:
     """Return the answer where the lens is contradicted: one with the lens freed, or the fix as it is, with doubt or without.
 
     The doubt follows where the stars rule out the lens and no freed one gives a place. They do if they fit another lens that
@@ -93,16 +93,12 @@ def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, trus
         Answers with the lens freed, from different starting points; they are taken until one is better.
     seen : Observation
         The detections.
-    trusted : bool
-        Whether the lens must stay as supplied, so that a better one is a reason for a refusal.
     n_identifying : int
         Number of bright stars that identified the field.
     """
     failed = []
     for again in freed_fixes:
         if _is_better(again, fix) and not _of_a_part(again, seen):
-            if trusted:
-                return _refused(fix, again)
             # Stars that fit another lens well, but not the attitude, show how little of what was supplied still holds.
             return _doubted(fix) if again.reason is Reason.INCONSISTENT else again
         failed.append(again)
@@ -135,17 +131,6 @@ def _doubted(fix: Fix) -> Fix:
     doubt_km2 = (FREED_CENTRE * MEAN_RADIUS_KM) ** 2
     details = {**fix.details, "lens_doubt_deg": math.degrees(FREED_CENTRE)}
     return replace(fix, cov_km2=fix.cov_km2 + doubt_km2 * np.eye(2), details=details)
-
-
-def _refused(fix: Fix, with_another: Fix) -> Fix:
-    message = (
-        f"{len(fix.matches)} stars scatter by {fix.residual_rms_px:.1f} px about the camera's lens, with another "
-        f"{len(with_another.matches)} by {with_another.residual_rms_px:.1f} px: calibrate the camera"
-    )
-    return replace(
-        fix, ok=False, reason=Reason.INCONSISTENT, message=message, lat_deg=math.nan, lon_deg=math.nan, cov_km2=None,
-        heading_off_deg=math.nan,
-    )  # fmt: skip
 
 
 def doubt_deg(adjusted: Adjusted, camera: Camera, told: ToldSigmas, held: CameraPriors) -> float:
