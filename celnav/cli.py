@@ -10,7 +10,7 @@ from pathlib import Path
 
 from celnav.command.answer import json_of, printable, text_of
 from celnav.command.arguments import parser
-from celnav.command.input_files import check_input_files
+from celnav.command.checks.input_files import check_input_files
 from celnav.command.solving import answer
 from celnav.errors import CelnavError
 

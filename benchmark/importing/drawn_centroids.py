@@ -19,8 +19,8 @@ from scipy.special import ndtr
 from benchmark.errors import PhotographError
 from celnav.calibrating.frames import CalibrationFrame
 from celnav.command.calibration_frames import MAX_BYTES, read_rms_centroids
-from celnav.command.input_files import check_file
-from celnav.command.rms_file import check_rms_file
+from celnav.command.checks.input_files import check_file
+from celnav.command.checks.rms_file import check_rms_file
 from celnav.detecting.image_file import MAX_PIXELS
 from celnav.errors import CalibrationError, CelnavError
 from generator.files import atomic_path

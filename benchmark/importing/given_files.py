@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmark.errors import PhotographError
 from benchmark.importing.photographs import LARGEST_TABLE_BYTES, read_times
 from benchmark.importing.told import ToldCamera, read_told
-from celnav.command.input_files import check_attitude_file, check_camera_file, check_file
+from celnav.command.checks.input_files import check_attitude_file, check_camera_file, check_file
 from celnav.errors import CelnavError, TimeError
 
 

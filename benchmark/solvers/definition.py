@@ -222,9 +222,12 @@ class SolverFolder:
         except (SyntaxError, ValueError, KeyError, OSError) as error:
             raise SolverError(f"{self.name}: its modules cannot be read ({error})") from error
         settings: dict[str, object] = self.spec.settings
-        # What a solver of skybench reads is made by its own files or belongs to skybench's packages.
-        if self.spec.reads and not self.folder.is_relative_to(FOLDER):
-            settings["read"] = [_content(self.name, place) for place in self.reads]
+        # Tables in skybench's cache are made by the solvers' own files.
+        own = packages.root, user_cache_path("skybench")
+        if read := [
+            _content(self.name, at) for at in self.reads if at.exists() and not any(map(at.is_relative_to, own))
+        ]:
+            settings["read"] = read
         return revision_of(settings, files, behaviour, catalogues)
 
 

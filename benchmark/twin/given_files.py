@@ -15,7 +15,7 @@ from benchmark.errors import PhotographError
 from benchmark.twin.scene import read_passing
 from benchmark.twin.stacked_video import PICTURES, start_of
 from benchmark.yaml_file import read_yaml
-from celnav.command.input_files import LARGEST_IMAGE_BYTES, check_file
+from celnav.command.checks.input_files import LARGEST_IMAGE_BYTES, check_file
 from celnav.detecting.fits_file import unpacked_bytes
 from celnav.errors import ImageError
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.command.camera_file import read_camera_file
+from celnav.command.checks.remedies import naming_formats
 from celnav.command.pointing import Pointing
-from celnav.command.remedies import naming_formats
 from celnav.command.whole_file import write_whole
 from celnav.detecting.image_file import read_mask
 from celnav.errors import ConfigError

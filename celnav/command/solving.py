@@ -18,11 +18,11 @@ from celnav.checking import shown
 from celnav.command.answer import Answer, attitude_of
 from celnav.command.attitude_option import is_of_gravity, read_attitude
 from celnav.command.camera_file import read_camera_file
+from celnav.command.checks.remedies import check_size, naming_attitudes, naming_formats
 from celnav.command.exif import PhotoTags, read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
-from celnav.command.remedies import check_size, naming_attitudes, naming_formats
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image, read_mask, refuse_raw, without_blanks
 from celnav.detection import FAINT_STARS, DetectionConfig, detect

@@ -10,7 +10,7 @@ from PIL import Image
 
 from celnav.cli import main
 from celnav.command.camera_file import MAX_BYTES
-from celnav.command.input_files import LARGEST_IMAGE_BYTES, LARGEST_RECORD_BYTES
+from celnav.command.checks.input_files import LARGEST_IMAGE_BYTES, LARGEST_RECORD_BYTES
 
 UTC = ["--utc", "2020-01-01T00:00:00Z"]
 CAMERA = {"model": "pinhole", "width": 160, "height": 120, "f_px": 120.0}

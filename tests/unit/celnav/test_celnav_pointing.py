@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from celnav import Attitude, Pointing
 from celnav.command.attitude_option import _KEYS, read_attitude
-from celnav.command.remedies import ATTITUDE_KEYS, ATTITUDE_NAMES, naming_attitudes
+from celnav.command.checks.remedies import ATTITUDE_KEYS, ATTITUDE_NAMES, naming_attitudes
 from celnav.errors import AttitudeError
 
 EAST, NORTH, UP = np.eye(3)

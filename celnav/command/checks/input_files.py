@@ -9,14 +9,15 @@ import argparse
 import stat
 from pathlib import Path
 
-from celnav.command.camera_file import MAX_BYTES
-from celnav.command.rms_file import check_rms_file
+from celnav.command.checks.rms_file import check_rms_file
 from celnav.errors import AttitudeError, CalibrationError, CameraError, CelnavError, ImageError
 
 LARGEST_RECORD_BYTES = 200_000_000
 """Largest frame record next to an image, or file of RMS' platepars."""
 LARGEST_IMAGE_BYTES = 2_000_000_000
 """Largest image: a hundred million pixels of 16 bits in three colours, three times."""
+LARGEST_SETTINGS_BYTES = 16_000_000
+"""Largest file of a camera or an attitude."""
 _UNKNOWN = "unknown"
 _ATTITUDES = (_UNKNOWN, "zenith", "zenith-north-up")
 
@@ -49,13 +50,13 @@ def check_input_files(arguments: argparse.Namespace) -> None:
 
 def check_camera_file(path: str | Path) -> None:
     """Raise `CameraError` for what `read_camera_file` could not read to the end, as `check_file` does."""
-    check_file(path, f"camera file {path}", CameraError, MAX_BYTES)
+    check_file(path, f"camera file {path}", CameraError, LARGEST_SETTINGS_BYTES)
 
 
 def check_attitude_file(text: str) -> None:
     """Raise `AttitudeError`, as `check_file` does, if the option ``--attitude`` names a file; angles are no file's name."""
     if text not in _ATTITUDES:
-        check_file(text, f"attitude file {text}", AttitudeError, MAX_BYTES)
+        check_file(text, f"attitude file {text}", AttitudeError, LARGEST_SETTINGS_BYTES)
 
 
 def check_file(path: str | Path, what: str, error: type[CelnavError], most_bytes: int) -> None:
