@@ -7,13 +7,16 @@ from benchmark.stats.intervals import Estimate
 
 
 def number(value: float, unit: str = "") -> str:
-    """Format with three significant digits; ``∞`` for infinity, ``—`` for undefined."""
+    """Format with three significant digits, from a million on as ``1.84e9``; ``∞`` for infinity, ``—`` for undefined."""
     if math.isnan(value):
         return "—"
     if math.isinf(value):
         return "∞"
     if value == 0.0:
         text = "0"
+    elif abs(value) >= 1e6:
+        mantissa, exponent = f"{value:.2e}".split("e")
+        text = f"{mantissa}e{int(exponent)}"
     else:
         decimals = max(0, 2 - math.floor(math.log10(abs(value))))
         text = f"{value:,.{min(decimals, 4)}f}".replace(",", "\N{THIN SPACE}")

@@ -23,6 +23,11 @@ def test_numbers_are_printed_with_three_digits():
         "12.3",
         "12\u2009346",
     ]
+    assert [number(value) for value in (999_999.0, 1_836_044_491.0, -2e6)] == [
+        "999\N{THIN SPACE}999",
+        "1.84e9",
+        "-2.00e6",
+    ]
     assert (number(float("inf")), number(float("nan")), percent(float("nan"))) == ("∞", "—", "—")
     assert [percent(value) for value in (0.0, 0.5556, 1.0)] == ["0 %", "55.6 %", "100 %"]
     assert interval(Estimate(0.5, 0.25, 0.75, 4), percent) == "25.0 – 75.0 %"
