@@ -165,7 +165,7 @@ class PipeSession:
     def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None, allowed: _Time) -> Response:
         """Put a request to the program; with `shown`, it gets the image of that pinhole."""
         if self._solver.spec.command:
-            self._solver.check_hidden(frame.image_path)
+            self._solver.check_apart_from(frame.image_path)
         try:
             request = request_of(frame, shared, self._shown(frame.image_path, shown), allowed.share_s)
         except OSError as error:

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
 from benchmark.solvers.revision import (
+    PACKAGES,
     VIEW_MODULES,
     PackageTree,
     adapter_behaviour,
@@ -36,6 +37,7 @@ ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
 LARGEST_SPEC_BYTES = 100_000
 LARGEST_FOLDER_BYTES = 50_000_000
 LARGEST_READ_BYTES = 4 << 30
+"""Largest content of one place that a solver reads elsewhere."""
 UNCOUNTED_FOLDERS = ("__pycache__", ".git")
 """Folders whose files do not count as a solver's; an isolated program finds them empty."""
 AdapterName = Literal["celnav", "learned", "tetra3rs", "tetra3rs-calibrated", "ruststartracker", "zenith-fixer"]
@@ -149,7 +151,7 @@ class SolverFolder:
         ]
         return [place for place in places if place.exists()]
 
-    def check_hidden(self, image: Path) -> None:
+    def check_apart_from(self, image: Path) -> None:
         """Refuse a definition that lets a program read the folder of an image, where the truth is.
 
         Raises
@@ -222,13 +224,16 @@ class SolverFolder:
         except (SyntaxError, ValueError, KeyError, OSError) as error:
             raise SolverError(f"{self.name}: its modules cannot be read ({error})") from error
         settings: dict[str, object] = self.spec.settings
-        # Tables in skybench's cache are made by the solvers' own files.
-        own = packages.root, user_cache_path("skybench")
-        if read := [
-            _content(self.name, at) for at in self.reads if at.exists() and not any(map(at.is_relative_to, own))
-        ]:
+        if read := self._read_elsewhere(packages):
             settings["read"] = read
         return revision_of(settings, files, behaviour, catalogues)
+
+    def _read_elsewhere(self, packages: PackageTree) -> list[dict[str, str]]:
+        """Digests of what it reads, without skybench's packages and its cache, where solvers keep tables that they make."""
+        own = [packages.root / name for name in PACKAGES] + [user_cache_path("skybench")]
+        real = [Path(os.path.realpath(place)) for place in self.reads if place.exists()]
+        counted = [at for at in real if not any(at.is_relative_to(os.path.realpath(place)) for place in own)]
+        return [_content(self.name, at) for at in counted]
 
 
 def environments_folder() -> Path:

@@ -9,6 +9,7 @@ import argparse
 import stat
 from pathlib import Path
 
+from celnav.command.checks.remedies import ATTITUDE_NAMES
 from celnav.command.checks.rms_file import check_rms_file
 from celnav.errors import AttitudeError, CalibrationError, CameraError, CelnavError, ImageError
 
@@ -19,7 +20,6 @@ LARGEST_IMAGE_BYTES = 2_000_000_000
 LARGEST_SETTINGS_BYTES = 16_000_000
 """Largest file of a camera or an attitude."""
 _UNKNOWN = "unknown"
-_ATTITUDES = (_UNKNOWN, "zenith", "zenith-north-up")
 
 
 def check_input_files(arguments: argparse.Namespace) -> None:
@@ -55,7 +55,7 @@ def check_camera_file(path: str | Path) -> None:
 
 def check_attitude_file(text: str) -> None:
     """Raise `AttitudeError`, as `check_file` does, if the option ``--attitude`` names a file; angles are no file's name."""
-    if text not in _ATTITUDES:
+    if text not in ATTITUDE_NAMES:
         check_file(text, f"attitude file {text}", AttitudeError, LARGEST_SETTINGS_BYTES)
 
 

@@ -20,12 +20,14 @@ from benchmark.run import sessions
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import outcomes
 from benchmark.run.sessions import SessionPool, isolation_of_programs
+from benchmark.solvers import definition
 from benchmark.solvers.definition import SolverFolder, SolverSpec
 from benchmark.solvers.isolation import ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.messages import request_of
 from benchmark.solvers.namespaces import MOST_FILES, MOST_WRITTEN_BYTES
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
 from benchmark.solvers.registry import missing_message, missing_packages, solver_folder
+from benchmark.solvers.revision import PackageTree
 from benchmark.stats.metrics import FrameScore
 from celnav.cache import cache_dir
 
@@ -188,6 +190,28 @@ def test_what_a_solver_reads_is_part_of_its_revision(place) -> None:
     assert SolverFolder(place / "solver", moved).revision == before
     (place / "elsewhere" / "index.bin").write_text("answers!")
     assert SolverFolder(place / "solver", moved).revision != before
+
+
+def test_what_lies_beside_skybenchs_packages_or_is_linked_into_its_cache_counts_too(place, monkeypatch) -> None:
+    """Its packages are covered otherwise, and solvers keep tables in its cache; a checkout holds other things as well."""
+    cache = place / "cache" / "skybench"
+    cache.mkdir(parents=True)
+    monkeypatch.setattr(definition, "user_cache_path", lambda name: cache)
+    tree = PackageTree(place)
+    (place / "celnav").mkdir()
+    for name in ("celnav/a.bin", "cache/skybench/b.bin", "c.bin"):
+        (place / name).write_text("1")
+    (cache / "linked.bin").symlink_to(place / "c.bin")
+
+    def revision(name: str) -> str:
+        spec = spec_of(command=("python", "spy.py"), reads=(str(place / name),))
+        return SolverFolder(place / "solver", spec).revision_among(tree)
+
+    names = ("celnav/a.bin", "cache/skybench/b.bin", "c.bin", "cache/skybench/linked.bin")
+    before = [revision(name) for name in names]
+    for name in ("celnav/a.bin", "cache/skybench/b.bin", "c.bin"):
+        (place / name).write_text("2")
+    assert [revision(name) == known for name, known in zip(names, before, strict=True)] == [True, True, False, False]
 
 
 @pytest.mark.parametrize(
