@@ -39,10 +39,11 @@ from benchmark.twin.weather import (
     sky_cells,
 )
 from celnav.camera import Camera
+from generator.frame.expected import render_expected
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame
-from generator.frame.scene import ExpectedFrame, render_expected
+from generator.frame.scene import ExpectedFrame
 from generator.light.cloud_kinds import point_share
 from generator.optics.wings import profile
 from generator.scenario.file import Scenario

@@ -17,12 +17,13 @@ from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
+from generator.frame.expected import render_expected
 from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.png import png16
 from generator.frame.record import frame_record, record_bytes, star_table
-from generator.frame.scene import ExpectedFrame, render_expected
+from generator.frame.scene import ExpectedFrame
 from generator.frame.video.take import take_video
 from generator.scenario.file import Scenario
 from generator.scenario.model import pointing_of

@@ -259,8 +259,8 @@ def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None 
     return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
 
 
-def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
-    """Render a frame's expected electrons, and the truth of its stars.
+def render_under_one_sky(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
+    """Render a frame's expected electrons, and the truth of its stars, with extinction and diffuse sky as planned.
 
     With `layers`, each component is also rendered separately. Without `channels`, pixels of a colour sensor are rendered
     only in their own channel, which gives the same electrons in less time.

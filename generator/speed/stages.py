@@ -15,9 +15,10 @@ from PIL import Image
 
 from generator.dataset.images import encode
 from generator.dataset.table_writer import write_table
+from generator.frame.expected import render_expected
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import frame_record, record_bytes, star_table
-from generator.frame.scene import frame_layers, render_expected
+from generator.frame.scene import frame_layers
 from generator.seeds import random_stream
 from generator.sensor.detector import expose
 from generator.speed.load import best_clock

@@ -9,8 +9,9 @@ from small_scenes import small_scenario
 
 from generator.bake import make_maps
 from generator.bake.make_maps import run_worker
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import frame_layers, render_expected
+from generator.frame.scene import frame_layers
 from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid
 from generator.light.baked_maps import CITY_FILE, MOON_FILE, city_map, city_multiple, moon_map
 from generator.light.disk_scattering import disk_nodes

@@ -8,8 +8,9 @@ from scipy.ndimage import gaussian_filter
 from small_scenes import small_scenario
 
 from generator import plugins
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import frame_layers, render_expected
+from generator.frame.scene import frame_layers
 from generator.light.disk_scattering import disk_irradiance
 from generator.light.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
 from generator.light.vision import naked_eye_limit

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import quantum_efficiency, render_expected
+from generator.frame.scene import quantum_efficiency
 from generator.light.atmosphere import (
     MAG_PER_OPTICAL_DEPTH,
     Atmosphere,

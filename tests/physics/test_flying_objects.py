@@ -11,9 +11,9 @@ from skyfield.api import EarthSatellite, Loader, wgs84
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.render import render_dataset, render_frame
-from generator.frame.scene import render_expected
 
 ISS = (
     "1 25544U 98067A   20015.53245370  .00001052  00000-0  26928-4 0  9996",

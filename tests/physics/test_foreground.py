@@ -11,8 +11,8 @@ from small_scenes import BASE
 
 from generator import plugins
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected
 from generator.scenario.file import parse_scenario
 
 FISHEYE = {

@@ -5,9 +5,9 @@ import pytest
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.plan import airmass_to, plan_frame
 from generator.frame.record import frame_record, star_table
-from generator.frame.scene import render_expected
 from generator.light.atmosphere import airmass, usual_pressure_hpa, usual_temperature_c
 from generator.places.astrometry import Air, Site
 from generator.places.horizon import LEVEL, horizon_of

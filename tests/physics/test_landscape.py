@@ -9,9 +9,10 @@ from PIL import Image
 from small_scenes import BASE, FISHEYE_CAMERA
 
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.landscape import sky_light
 from generator.frame.plan import plan_frame
-from generator.frame.scene import frame_layers, render_expected
+from generator.frame.scene import frame_layers
 from generator.ground.lighting import ROWS, SkyLight, irradiance, sky_directions, surface_normals
 from generator.ground.panorama import Panorama, encoded, linear, on_sphere, opacity, reduced
 from generator.ground.picture import fisheye

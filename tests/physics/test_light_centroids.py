@@ -6,10 +6,10 @@ from small_scenes import small_scenario
 
 from benchmark.frames.dataset import TruthStars
 from benchmark.judge.star_id import score_matches
+from generator.frame.expected import render_expected
 from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
 from generator.frame.record import star_table
-from generator.frame.scene import render_expected
 
 WIDTH, HEIGHT, REACH = 900, 620, 20
 # The Gaussian keeps the pixel's own error away: of an undersampled star the moment of whole pixels goes with its phase.

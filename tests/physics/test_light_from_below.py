@@ -5,8 +5,9 @@ import pytest
 from small_scenes import small_scenario
 
 from generator.errors import GeneratorError
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import frame_layers, render_expected
+from generator.frame.scene import frame_layers
 from generator.light.atmosphere import Atmosphere
 from generator.light.photometry import BESSELL_V, GRID_NM
 from generator.light.stellar_spectra import star_spectra

@@ -6,8 +6,8 @@ from skyfield.api import Loader, load_file, wgs84
 from skyfield.magnitudelib import planetary_magnitude
 from small_scenes import small_scenario
 
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected
 from generator.light.photometry import BESSELL_V, GRID_NM
 from generator.places.astrometry import Air, Site, apparent_places
 from generator.places.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets

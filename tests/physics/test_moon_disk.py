@@ -5,6 +5,7 @@ import pytest
 from skyfield.api import Loader, load_file, wgs84
 from small_scenes import small_scenario
 
+from generator.frame.expected import render_expected
 from generator.frame.moon import disk
 from generator.frame.moon.disk import disk_grid, moon_lights
 from generator.frame.moon.occultation import times_inside
@@ -12,7 +13,6 @@ from generator.frame.moon.path import disk_frame
 from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
 from generator.frame.record import star_table
-from generator.frame.scene import render_expected
 from generator.places.ephemeris import KERNEL_PATH, MOON_RADIUS_KM
 
 SATURN = 900_000_699

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected
 from generator.optics.motion import body_rotation, gimbal_jitter, vibration
 from generator.scenario.file import parse_scenario
 from generator.scenario.motion_spec import GimbalSpec, MotionSpec, VibrationSpec

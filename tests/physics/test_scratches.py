@@ -9,9 +9,10 @@ from scipy import ndimage
 from small_scenes import small_scenario
 
 from generator import plugins
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scattered_light import lens_light
-from generator.frame.scene import camera_dict, render_expected
+from generator.frame.scene import camera_dict
 from generator.optics.scratches import scratch_light
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import load_scenario

@@ -6,9 +6,10 @@ from scipy import interpolate, ndimage, special
 from small_scenes import small_scenario
 
 from generator import plugins
+from generator.frame.expected import render_expected
 from generator.frame.plan import field_radius_deg, plan_frame
 from generator.frame.record import _around, _brightness_order
-from generator.frame.scene import camera_dict, frame_layers, render_expected, scene_dict
+from generator.frame.scene import camera_dict, frame_layers, scene_dict
 from generator.frame.star_truth import share_within
 from generator.light.atmosphere import Atmosphere, optical_depth
 from generator.light.photometry import GRID_NM

@@ -7,9 +7,9 @@ import pytest
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.flying.orbits import spans_s
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected
 
 CAMERA = {
     "width": 400, "height": 400, "hfov_deg": 40, "aperture_mm": 10, "bloom": {"share": 0}, "veiling_glare": 0,

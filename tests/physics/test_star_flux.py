@@ -6,8 +6,9 @@ from scipy.stats import norm
 from small_scenes import small_scenario
 
 from generator import plugins
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected, scene_dict
+from generator.frame.scene import scene_dict
 
 
 def isolated(expected, reach):

@@ -10,8 +10,9 @@ from small_scenes import small_scenario
 
 from benchmark.studies.calibration.camera_by_gradient import difference, passed_share, recover_camera, spoiled
 from generator import plugins
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected, scene_dict
+from generator.frame.scene import scene_dict
 
 LENS = {"model": "brown_conrady", "width": 270, "height": 180, "f_px": 180.0, "k": [-0.1], "aperture_mm": 4}
 

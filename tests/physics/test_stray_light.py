@@ -13,8 +13,9 @@ from small_scenes import small_scenario
 
 from generator import plugins
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import ExpectedFrame, frame_layers, render_expected
+from generator.frame.scene import ExpectedFrame, frame_layers
 from generator.optics.light_cells import cells_outside
 from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
 from generator.optics.wings import encircled, profile

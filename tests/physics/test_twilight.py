@@ -17,8 +17,8 @@ from generator.bake.twilight_setting import (
     JUDGED_VIEWS_DEG,
 )  # fmt: skip
 from generator.errors import GeneratorError
+from generator.frame.expected import render_expected
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected
 from generator.light.atmosphere import Atmosphere, standard_pressure_hpa
 from generator.light.bake_grids import BakedAir, TwilightGrid
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_I, BESSELL_V, GRID_NM

@@ -8,11 +8,12 @@ from astropy.io import fits
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.expected import render_expected
+from generator.frame.parts import plan_part
 from generator.frame.plan import plan_frame
 from generator.frame.render import render_frame
-from generator.frame.scene import render_expected
 from generator.frame.video.codec import decode, encode
-from generator.frame.video.exposures import moving_light, plan_part, video_frames
+from generator.frame.video.exposures import moving_light, video_frames
 from generator.frame.video.stack import PICTURES, fits_bytes, stack
 from generator.scenario.processing.video_spec import H264Spec, SharpenSpec, VideoDenoiseSpec
 from generator.sensor.processing import averaged, denoised, sharpened

@@ -17,12 +17,12 @@ from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
 from benchmark.protocol import Observation
 from benchmark.studies.independence.perturbations import UNPERTURBED, Perturbation, SuppliedSizes
+from generator.frame.expected import render_expected
 from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import RenderedFrame, write_frame
-from generator.frame.scene import render_expected
 from generator.places.astrometry import ApparentPlaces
 from generator.scenario.file import Scenario, parse_scenario
 from generator.seeds import random_stream, unit_stream

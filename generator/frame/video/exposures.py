@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
+from generator.frame.expected import render_expected
+from generator.frame.parts import plan_part, without_sky
 from generator.frame.plan import SKY_RATE_DEG_S, FramePlan
-from generator.frame.scene import render_expected
-from generator.optics.motion import Motion
-from generator.scenario.model import SkySpec
 from generator.scenario.processing.video_spec import VideoSpec
 from generator.seeds import random_stream, unit_stream
 from generator.sensor.charge import PhotoResponse
@@ -104,41 +102,6 @@ def slice_count(plan: FramePlan, count: int) -> int:
     return int(np.clip(math.ceil(way_px / SLICE_STEP_PX), 1, min(MOST_SLICES, count)))
 
 
-def plan_part(plan: FramePlan, start: float, stop: float) -> FramePlan:
-    """Return the plan of a part of the exposure, from fraction `start` to `stop`, with a global shutter."""
-    exposure_s = (stop - start) * plan.spec.time.exposure_s
-    time = plan.spec.time.model_copy(update={"exposure_s": exposure_s})
-    return replace(
-        plan,
-        spec=plan.spec.model_copy(update={"time": time}),
-        utc_start=plan.utc_start.plus(start * plan.spec.time.exposure_s),
-        directions=_within(plan.directions, start, stop),
-        motion=_motion_within(plan.motion, start, stop, exposure_s),
-        objects=plan.objects.within(start, stop),
-    )
-
-
-def _within(values: NDArray[np.float64], start: float, stop: float) -> NDArray[np.float64]:
-    """Resample (n, k, …) samples, linear in between over the whole exposure, as k samples over a part of it."""
-    last = values.shape[1] - 1
-    if last < 1:
-        return values
-    place = np.linspace(start, stop, last + 1) * last
-    before = np.minimum(np.floor(place).astype(np.intp), last - 1)
-    weight = (place - before).reshape(1, -1, *([1] * (values.ndim - 2)))
-    return np.asarray((1 - weight) * values[:, before] + weight * values[:, before + 1])
-
-
-def _motion_within(motion: Motion, start: float, stop: float, exposure_s: float) -> Motion:
-    """Return attitudes over a part of the exposure, as many as over the whole."""
-    if len(motion.R_cam) == 1:
-        return motion
-    share = np.linspace(0, 1, len(motion.R_cam))
-    follow = Slerp(share, Rotation.from_matrix(motion.R_cam))
-    turned = follow(start + (stop - start) * share).as_matrix()
-    return replace(motion, time_s=exposure_s * share, R_cam=turned, R_mid=follow([(start + stop) / 2]).as_matrix()[0])
-
-
 def moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
     """Expected electrons of flying objects in a part of the exposure; None if none shines."""
     if not len(plan.objects):
@@ -147,20 +110,7 @@ def moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
     shining = part.objects.shining
     if not shining.any():
         return None
-    dark = part.spec.model_copy(update={"sky": SkySpec(components=())})
-    none = np.zeros(len(part.stars), bool)
-    alone = replace(
-        part,
-        spec=dark,
-        objects=part.objects.chosen(shining),
-        stars=part.stars[none],
-        directions=part.directions[none],
-        airmass=part.airmass[none],
-        cloud_optical_depth=part.cloud_optical_depth[none],
-        cloud_transmission=part.cloud_transmission[none],
-        scintillation=part.scintillation[none],
-        unlisted=None,
-    )
+    alone = replace(without_sky(part), objects=part.objects.chosen(shining))
     # Lamps, windows and the landscape's own light belong to the stationary light.
     return render_expected(alone, layers=True, channels=False).layers.get("objects")
 
