@@ -39,29 +39,36 @@ def nees_values(frames: pd.DataFrame) -> F8:
 
 
 def nees_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
-    """Mean of `nees_values` over the fixes that are `identified`; undefined where none of them has a covariance.
+    """Mean of `nees_values` over the fixes that are `identified`; undefined unless every one of them has a covariance.
 
-    A correct covariance gives 2, one that is too small gives more. The interval is that of `skewed_mean_estimate`, because a
-    few fixes may contribute most of the sum.
+    If the others were left out, a solver could choose its value by stating covariances for only some fixes. A correct
+    covariance gives 2, one that is too small gives more. The interval is that of `skewed_mean_estimate`, because a few fixes
+    may contribute most of the sum.
 
     References
     ----------
     Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.2.
     """
-    values = np.where(identified(frames, limit_km), nees_values(frames), math.nan)
-    n = int(np.count_nonzero(~np.isnan(values)))
-    if n == 0:
+    chosen = identified(frames, limit_km)
+    values = np.where(chosen, nees_values(frames), math.nan)
+    if not chosen.any() or np.isnan(values[chosen]).any():
         return UNDEFINED
     if np.isinf(values).any():
-        return Estimate(math.inf, math.nan, math.nan, n)
+        return Estimate(math.inf, math.nan, math.nan, int(np.count_nonzero(chosen)))
     return skewed_mean_estimate(values, resamples)
 
 
 def ellipse_coverage(frames: pd.DataFrame, resamples: Resamples, level: float = 0.95) -> Estimate:
-    """Share of the fixes with a covariance whose error ellipse of a level contains the truth; ideally equal to the level."""
+    """Share of the fixes whose error ellipse of a level contains the truth; ideally equal to the level.
+
+    A fix without a covariance counts as missed, or a solver could choose its value by stating covariances for only some
+    fixes. Undefined if no fix has one.
+    """
     values = nees_values(frames)
+    if np.isnan(values).all():
+        return UNDEFINED
     inside = values <= stats.chi2.ppf(level, NEES_DIMENSIONS)
-    return proportion_estimate(inside & ~np.isnan(values), ~np.isnan(values), resamples)
+    return proportion_estimate(inside, fixed(frames), resamples)
 
 
 def _ellipse_at(level: float) -> Metric:

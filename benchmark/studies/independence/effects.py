@@ -137,9 +137,10 @@ def _nees_change(before: pd.DataFrame, after: pd.DataFrame) -> Change:
 def _ellipse_change(before: pd.DataFrame, after: pd.DataFrame) -> Change:
     known = _identified_in_both(before, after)
     change = UNDEFINED
-    if known.any():
+    values, values_before = (nees_values(table)[known] for table in (after, before))
+    if not np.isnan(values).all() and not np.isnan(values_before).all():
         limit = float(stats.chi2.ppf(ELLIPSE, NEES_DIMENSIONS))
-        inside, inside_before = (nees_values(table)[known] <= limit for table in (after, before))
+        inside, inside_before = values <= limit, values_before <= limit
         gap = inside.astype(np.float64) - inside_before.astype(np.float64)
         change = difference_estimate(gap, column(before[known], "condition"), resamples_of(before[known]))
     return Change(_ellipse(before[identified(before)]), _ellipse(after[identified(after)]), change)
@@ -150,6 +151,5 @@ def _ellipse(right: pd.DataFrame) -> Estimate:
 
 
 def _identified_in_both(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.bool_]:
-    """Frames whose stars are identified in both, with a covariance in both."""
-    known = identified(before) & identified(after)
-    return np.asarray(known & ~np.isnan(nees_values(before)) & ~np.isnan(nees_values(after)))
+    """Frames whose stars are identified in both."""
+    return np.asarray(identified(before) & identified(after))

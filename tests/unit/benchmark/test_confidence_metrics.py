@@ -93,8 +93,28 @@ def test_squared_errors_in_units_of_the_covariance():
     three = frames.iloc[:3]
     found = nees_of_identified(three, resamples_of(three))
     assert (found.n, found.value) == (3, pytest.approx(8 / 9))
-    assert nees_of_identified(frames, resamples_of(frames)).value == math.inf
+    four = frames.iloc[:4]
+    assert nees_of_identified(four, resamples_of(four)).value == math.inf
     wrong = three.assign(error_km=[1.0, 100.0, 1.0])
     assert nees_of_identified(wrong, resamples_of(wrong)).value == pytest.approx((1 + 2 / 3) / 2)
     assert math.isnan(nees_of_identified(frames.iloc[4:], resamples_of(frames.iloc[4:])).value)
-    assert ellipse_coverage(frames, resamples_of(frames)).value == 0.75
+    assert ellipse_coverage(four, resamples_of(four)).value == 0.75
+
+
+def test_covariances_of_only_some_fixes_do_not_choose_the_value():
+    frames = table(
+        error_east_km=[1.0] * 4, error_north_km=[1.0] * 4,
+        cov_ee_km2=[1.0, 1.0, 1.0, None], cov_en_km2=[0.0, 0.0, 0.0, None], cov_nn_km2=[1.0, 1.0, 1.0, None],
+    )  # fmt: skip
+    assert math.isnan(nees_of_identified(frames, resamples_of(frames)).value)
+    held = ellipse_coverage(frames, resamples_of(frames))
+    assert (held.value, held.n) == (0.75, 4)
+    # A fix from wrong stars needs no covariance for NEES, and one that is refused counts nowhere.
+    wrong = frames.assign(error_km=[1.0, 1.0, 1.0, 1000.0])
+    assert nees_of_identified(wrong, resamples_of(wrong)).value == pytest.approx(2.0)
+    refused = frames.assign(status=["fix", "fix", "fix", "refused"])
+    assert nees_of_identified(refused, resamples_of(refused)).value == pytest.approx(2.0)
+    held = ellipse_coverage(refused, resamples_of(refused))
+    assert (held.value, held.n) == (1.0, 3)
+    none = frames.iloc[3:]
+    assert math.isnan(ellipse_coverage(none, resamples_of(none)).value)
