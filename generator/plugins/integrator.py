@@ -52,6 +52,7 @@ from generator.plugins.scene_tensors import array
 from generator.plugins.stamp_light import StampLight, gaussian_light
 from generator.plugins.star_splats import (
     LightSum,
+    all_electrons,
     brightest_channel,
     splat_atlas,
     splat_gaussian,
@@ -321,7 +322,8 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         """
         tracks = self.follow(scene, camera, emitter) if tracks is None else tracks
         electrons = self.electrons_by_band(camera, emitter, self.bands)
-        total = LightSum(camera.width, camera.height, electrons.shape[1] if pattern is None else 1)
+        planes = electrons.shape[1] if pattern is None else 1
+        total = LightSum(camera.width, camera.height, planes, all_electrons(tracks, electrons))
         spread = dispersed(camera, emitter)
         parts = [(tracks, electrons)]
         if spread is not None:

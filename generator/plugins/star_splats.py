@@ -20,6 +20,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.errors import GeneratorError
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.psf_atlas import PsfAtlas
@@ -33,9 +34,12 @@ PACKET: Any = dr.uint64_array_t(mi.Vector4u)
 COPIES_BYTES = 1 << 28
 """Memory up to which each thread sums into an image of its own."""
 Floats = NDArray[np.float64]
-UNITS_PER_ELECTRON = 2.0**24
-"""Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
-MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
+FINEST_BITS = 24
+"""Binary digits of the splats' fixed-point sum below one electron: a resolution of 6e-8 electrons."""
+LARGEST_SUM_BITS = 62
+"""Binary digits that the light of all stars takes at most if it is in one pixel; the sum has 64."""
+MOST_ELECTRONS = 1e30
+"""Electrons that all stars give at most: far more than any sensor holds, and within single precision."""
 LANES_AT_ONCE = 1_000_000
 """Rows of stamps in one launch: enough to fill any device, few enough for its memory."""
 MOST_TAPS = 9
@@ -91,7 +95,7 @@ class StampRows:
         return [even], [odd]
 
     def add(self, total: LightSum, taps: list[list[Any]], few: bool) -> None:
-        """Add each part's electrons, one Float per tap and channel; `few` if they are less than MOST_IN_32_BITS_E."""
+        """Add each part's electrons, one Float per tap and channel; `few` if all are less than `total.most_in_32_bits_e`."""
         least_inside = 2 * self.radius + 1 - (self.parts - 1) * self.taps
         offset, group = self.left & (PACKET_PX - 1), self.left >> PACKET_BITS
         for channel in range(len(taps[0])):
@@ -102,9 +106,9 @@ class StampRows:
                     amount = dr.select(self.inside > tap, amount, 0)
                 # Conversion to 32 bits is one instruction; conversion to 64 bits takes many.
                 if few:
-                    units.append(mi.UInt32(mi.Int32(amount * UNITS_PER_ELECTRON + 0.5)))
+                    units.append(mi.UInt32(mi.Int32(amount * total.units_per_e + 0.5)))
                 else:
-                    units.append(UINT64(FLOAT64(amount) * UNITS_PER_ELECTRON + 0.5))
+                    units.append(UINT64(FLOAT64(amount) * total.units_per_e + 0.5))
             nothing = type(units[0])(0)
             units += [nothing] * (-(len(units) + PACKET_PX - 1) % PACKET_PX + PACKET_PX - 1)
             # Offset from the part's first pixel to the packet's.
@@ -119,20 +123,33 @@ class StampRows:
 
 
 class LightSum:
-    """The sum of all splats in an image, in units of 1/UNITS_PER_ELECTRON.
+    """The sum of all splats in an image, in fractions of an electron: 2^-FINEST_BITS, or larger ones for very much light.
 
     Parameters
     ----------
     width, height, planes : int
+    all_e : float
+        Electrons of all splats together.
+
+    Raises
+    ------
+    GeneratorError
+        They are MOST_ELECTRONS or more, or not a number.
     """
 
-    def __init__(self, width: int, height: int, planes: int) -> None:
+    def __init__(self, width: int, height: int, planes: int, all_e: float = 0.0) -> None:
         self.width, self.height, self.planes = width, height, planes
+        self.units_per_e = units_per_electron(all_e)
         self.packets = math.ceil(width / PACKET_PX)
         self.total = dr.zeros(UINT64, planes * height * self.packets * PACKET_PX)
         apart = dr.thread_count() * 8 * dr.width(self.total) <= COPIES_BYTES
         on_processor = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.mode = dr.ReduceMode.Expand if apart and on_processor else dr.ReduceMode.Auto
+
+    @property
+    def most_in_32_bits_e(self) -> float:
+        """Electrons below which a value fits into 32 bits."""
+        return 2.0**31 / self.units_per_e
 
     def add(self, plane: int, row: Any, packet: Any, units: list[Any]) -> None:
         """Add units to the pixels of packets (Int32, by row), ignoring pixels outside the image."""
@@ -149,7 +166,7 @@ class LightSum:
             pixel, plane = place // self.planes, place % self.planes
             row, column = pixel // self.width, pixel % self.width
             units = dr.gather(UINT64, units, (plane * self.height + row) * stride + column)
-        return mi.TensorXf(mi.Float(FLOAT64(units) / UNITS_PER_ELECTRON), (self.height, self.width, self.planes))
+        return mi.TensorXf(mi.Float(FLOAT64(units) / self.units_per_e), (self.height, self.width, self.planes))
 
 
 def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np.int64]) -> Iterator[StampRows]:
@@ -202,6 +219,29 @@ def brightest_channel(electrons: Floats) -> Floats:
     return functools.reduce(np.maximum, by_channel.T)
 
 
+def all_electrons(tracks: StarTracks, electrons: Floats) -> float:
+    """Electrons of all stars' tracks together, each in its brightest channel, from those by band (n, channels, bands)."""
+    return float((tracks.weight * brightest_channel(electrons)[tracks.star]).sum())
+
+
+def units_per_electron(all_e: float) -> float:
+    """Units of a sum per electron, a power of two: `all_e` electrons in one pixel are a quarter of the sum's range at most.
+
+    The rest is for rounding, and for light from beyond stamps that is spread over them.
+
+    Raises
+    ------
+    GeneratorError
+        They are MOST_ELECTRONS or more, or not a number.
+    """
+    if not 0 <= all_e < MOST_ELECTRONS:
+        raise GeneratorError(
+            f"the stars and other points of light give {all_e:g} electrons, expected less than {MOST_ELECTRONS:g}; "
+            "make the lights fainter, or camera.aperture_mm or time.exposure_s smaller"
+        )
+    return 2.0 ** min(FINEST_BITS, LARGEST_SUM_BITS - math.ceil(math.log2(all_e + 1)))
+
+
 def splat_gaussian(
     total: LightSum,
     camera: NightSkyCamera,
@@ -229,7 +269,7 @@ def splat_gaussian(
     for rows in stamp_rows(camera, tracks, light.radii(electrons.max(axis=1))):
         weight = tracks.weight[rows.moment] * light.gain[rows.radius, 0, 0, 0]
         lights = weight[:, None] * electrons[tracks.star[rows.moment]]
-        few = float(lights.max()) < MOST_IN_32_BITS_E
+        few = float(lights.max()) < total.most_in_32_bits_e
         in_row = 0.25 * (dr.erf((rows.dv + 0.5) * scale) - dr.erf((rows.dv - 0.5) * scale))
         amounts = rows.seen([rows.per_lane(lights[:, channel]) * in_row for channel in range(channels)], pattern)
         edges = [dr.erf((rows.du + (tap - 0.5)) * scale) for tap in range(rows.taps + 1)]
@@ -276,7 +316,8 @@ def splat_atlas(
         source = rows.index_per_lane(tracks.star[moment]) * (channels * atlas.bands)
         outward = (rows.per_lane((tracks.u[moment] - atlas.cx_px) / atlas.corner_px),
                    rows.per_lane((tracks.v[moment] - atlas.cy_px) / atlas.corner_px))  # fmt: skip
-        few = float((tracks.weight[moment] * brightest[tracks.star[moment]]).max() * gain.max()) < MOST_IN_32_BITS_E
+        most_e = float((tracks.weight[moment] * brightest[tracks.star[moment]]).max() * gain.max())
+        few = most_e < total.most_in_32_bits_e
         stamp = rows.index_per_lane(atlas.node(tracks.u[moment], tracks.v[moment]))
         bands = []
         for band in seen_bands:

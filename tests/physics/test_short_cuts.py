@@ -6,6 +6,7 @@ from scipy import interpolate, ndimage, special
 from small_scenes import small_scenario
 
 from generator import plugins
+from generator.errors import GeneratorError
 from generator.frame.expected import render_expected
 from generator.frame.plan import field_radius_deg, plan_frame
 from generator.frame.record import _around, _brightness_order
@@ -149,6 +150,52 @@ def test_packets_of_pixels_add_up_as_single_ones(mi, width, copies_bytes, monkey
         for plane in range(2):
             np.add.at(wanted[:, :, plane], (row[seen], column[seen]), electrons[plane, tap][seen])
     np.testing.assert_array_equal(np.array(total.image()), wanted)
+
+
+@pytest.mark.parametrize("psf", [None, PSF])
+def test_light_beyond_any_sensor_does_not_wrap_around(mi, psf) -> None:
+    """A lamp that gives a pixel 1e14 electrons or more: the image of a weak one, scaled."""
+    optics = {} if psf is None else {"camera__psf": psf, "camera__pixel_pitch_um": 4.0}
+    lamp = {"azimuth_deg": 180.0, "altitude_deg": 80.0, "distance_m": 2.0}
+    weak, strong = (
+        render_expected(plan_frame(small_scenario(
+            sky=None, stars={"limiting_magnitude": -2.0}, foreground={"lamps": [lamp | {"intensity_cd": candela}]}, **optics
+        ), 0)).electrons.astype(float)
+        for candela in (1e-2, 1e6)
+    )  # fmt: skip
+    assert strong.max() > 1e14
+    bright = weak > 1e-3 * weak.max()
+    np.testing.assert_allclose(strong[bright], 1e8 * weak[bright], rtol=1e-5)
+    assert strong.sum() == pytest.approx(1e8 * weak.sum(), rel=1e-3)
+
+
+def test_units_of_the_sum_follow_the_light() -> None:
+    """2^24 for ordinary light; for more the sum stays within a quarter of 64 bits; what is not a number is refused."""
+    from generator.plugins.star_splats import units_per_electron
+
+    for electrons in (0.0, 1.0, 1e9, 2.0**38 - 1):
+        assert units_per_electron(electrons) == 2.0**24
+    for electrons in (2.0**38, 1e12, 1e14, 1e20, 9e29):
+        assert 2.0**60 < electrons * units_per_electron(electrons) <= 2.0**62
+    for electrons in (1e30, np.inf, np.nan):
+        with pytest.raises(GeneratorError, match=r"expected less than 1e\+30; make the lights fainter"):
+            units_per_electron(electrons)
+
+
+def test_a_sum_of_a_1e14_electron_pixel(mi) -> None:
+    """Two lights of 1e14 electrons and one of 1e5 in a pixel of one plane, in 64 bits."""
+    from generator.plugins import star_splats
+
+    total = star_splats.LightSum(8, 4, 1, 3e14)
+    whole = np.array([1e14, 1e14, 1e5], np.float32)
+    rows = star_splats.StampRows(
+        moment=np.arange(3), radius=0, taps=1, parts=1, owner=None, du=None, dv=None,
+        left=mi.Int32([3, 3, 3]), row=mi.Int32([2, 2, 2]), inside=mi.Int32([1, 1, 1]),
+    )  # fmt: skip
+    rows.add(total, [[mi.Float(whole)]], few=False)
+    wanted = np.zeros((4, 8, 1))
+    wanted[2, 3, 0] = whole.astype(float).sum()
+    np.testing.assert_allclose(np.array(total.image()), wanted, rtol=1e-7)
 
 
 @pytest.mark.parametrize(("motion", "camera"), [
