@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from generator.light.atmosphere import pressure_contradicts, standard_pressure_hpa
 from generator.scenario.file import Scenario
-from generator.scenario.model import FrameSpec
+from generator.scenario.model import FrameSpec, LocalAtmosphereSpec
 
 MOST_FRAMES = 32
 """Largest number of frames of a scenario that are checked for contradictions."""
@@ -20,13 +20,23 @@ def contradictions(spec: FrameSpec) -> tuple[str, ...]:
             f"where it is about {float(standard_pressure_hpa(height_m)):.0f}; leave it out, and it follows the height"
         )
     sky = spec.sky
-    if "skyglow" not in sky.active_components:
+    if sky.bortle is not None or sky.zenith_mag_arcsec2 is not None:
         key = "bortle" if sky.bortle is not None else "zenith_mag_arcsec2"
-        if sky.bortle is not None or sky.zenith_mag_arcsec2 is not None:
+        if "skyglow" not in sky.active_components:
             found.append(
                 f"sky.{key}: makes no sky brighter that has no 'skyglow' among sky.components; add it, or leave {key} out"
             )
+        elif not _scatters(spec.atmosphere):
+            found.append(
+                f"sky.{key}: makes no sky brighter without air that scatters city light (atmosphere.pressure_hpa and "
+                f"atmosphere.aerosol_tau_550 are 0); raise one of them, or leave {key} out"
+            )
     return tuple(found)
+
+
+def _scatters(air: LocalAtmosphereSpec) -> bool:
+    """Whether city light is scattered: without extinction it is that of standard air."""
+    return not air.extinction or air.pressure_hpa > 0 or air.aerosol_tau_550 > 0
 
 
 def contradictions_of(scenario: Scenario) -> tuple[str, ...]:
