@@ -30,6 +30,8 @@ def rare_pixels(random: np.random.Generator, size: int, fraction: float) -> NDAr
         expected = (size - last) * fraction
         # One draw is enough except in one case in a billion.
         gaps = random.geometric(fraction, math.ceil(expected + 6 * math.sqrt(expected)) + 6)
+        # A longer gap leads beyond the sensor as well, and tiny fractions have gaps whose sum exceeds 64 bits.
+        gaps = np.minimum(gaps, size + 1)
         places.append(last + np.cumsum(gaps, dtype=np.intp))
         last = int(places[-1][-1])
     found = np.concatenate(places)

@@ -56,6 +56,11 @@ def test_no_pixels_are_rare_where_there_are_none() -> None:
     assert len(rare_pixels(np.random.default_rng(1), 1000, 0.0)) == 0
 
 
+@pytest.mark.parametrize("fraction", [1e-19, 1e-300])
+def test_gaps_beyond_64_bits_lead_beyond_the_sensor(fraction) -> None:
+    assert [len(rare_pixels(np.random.default_rng(seed), 10**8, fraction)) for seed in range(20)] == [0] * 20
+
+
 def test_levels_at_many_times_are_those_one_by_one() -> None:
     time = np.random.default_rng(2).uniform(-50, 50, (7, 300))
     np.testing.assert_array_equal(telegraph_level(KEY, time), [telegraph_level(KEY, each) for each in time])
