@@ -14,6 +14,8 @@ from generator.scenario.sunburn_spec import SunburnSpec
 
 COLOURS = ("blue", "green", "red")
 """Channels of a colour sensor in the alphabetical order in which a ``specfilm`` holds them."""
+MOST_DARK_E_S = 1e12
+"""Largest dark current: it fills any pixel in a microsecond, and the longest exposure's electrons are a finite number."""
 
 
 class ColourSpec(Strict):
@@ -165,6 +167,23 @@ class SensorSpec(Strict):
     def _black_level_fits(self) -> SensorSpec:
         if self.black_level_dn >= 2**self.bits - 1:
             raise ValueError(f"black_level_dn {self.black_level_dn} leaves no range below {2**self.bits - 1} DN")
+        return self
+
+    @model_validator(mode="after")
+    def _dark_current_is_possible(self) -> SensorSpec:
+        hot_e_s = self.hot_pixel_e_s if self.hot_pixel_fraction else 0.0
+        blinking_e_s = 0.0 if self.blinking_pixels is None else self.blinking_pixels.amplitude_e_s
+        for key, mean_e_s, factor, doubling in (
+            ("dark_current_e_s", self.dark_current_e_s, self.dark_factor, "dark_doubling_c"),
+            ("hot_pixel_e_s", hot_e_s, self.hot_factor, "hot_pixel_doubling_c"),
+            ("blinking_pixels.amplitude_e_s", blinking_e_s, self.hot_factor, "hot_pixel_doubling_c"),
+        ):
+            if not mean_e_s * factor <= MOST_DARK_E_S:
+                raise ValueError(
+                    f"{key}: {mean_e_s:g} e/s at {self.dark_reference_c:g} deg C become {mean_e_s * factor:.2g} e/s at "
+                    f"temperature_c {self.temperature_c:g}, expected at most {MOST_DARK_E_S:g}; lower temperature_c, or "
+                    f"raise {doubling} or dark_reference_c"
+                )
         return self
 
     @model_validator(mode="after")

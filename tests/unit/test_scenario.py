@@ -28,6 +28,16 @@ REFUSED = {
     "class out of range": ("bortle: 5", "bortle: 11", ["sky.bortle", "11", "<= 9"]),
     "one swept value out of range": ("bortle: 5", "bortle: {sweep: [1, 2, 12]}", ["sky.bortle", "12", "<= 9"]),
     "fraction for an integer": ("bortle: 5", "bortle: 4.5", ["sky.bortle", "4.5", "integer"]),
+    "dark current beyond any number": (
+        "bortle: 5", "bortle: 5\nsensor: {temperature_c: 100, dark_reference_c: -100, dark_doubling_c: 1.001}",
+        ["sensor: dark_current_e_s: 0.5 e/s at -100 deg C", "at temperature_c 100", "at most 1e+12", "dark_doubling_c"],
+    ),
+    "excess of hot pixels beyond any number": (
+        "bortle: 5",
+        "bortle: 5\nsensor: {temperature_c: 100, dark_reference_c: -100, dark_doubling_c: 50, hot_pixel_doubling_c: 2, "
+        "hot_pixel_fraction: 0.01}",
+        ["sensor: hot_pixel_e_s: 100 e/s at -100 deg C", "at most 1e+12", "raise hot_pixel_doubling_c"],
+    ),
     "missing": ("latitude_deg: 52.0", "height_m: 2", ["site.latitude_deg", "missing"]),
     "missing of an optional section": (
         "bortle: 5", "bortle: 5\nsensor: {blinking_pixels: {fraction: 0.1}}",
