@@ -46,6 +46,8 @@ def contradictions_of(scenario: Scenario) -> tuple[str, ...]:
     ------
     ScenarioError
         A frame's values are not acceptable.
+    TimeRangeError
+        A frame's exposure is outside the Earth orientation table.
     """
     count = scenario.frame_count
     found: dict[str, int] = {}

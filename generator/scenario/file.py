@@ -18,9 +18,10 @@ import yaml
 from pydantic import ValidationError
 
 from generator import __version__
-from generator.errors import ScenarioError
+from generator.errors import ScenarioError, TimeRangeError
 from generator.files import read_text_at_most
 from generator.identity.revision import generator_revision
+from generator.places.times import Instant, earth_orientation
 from generator.reading.strict_yaml import StrictLoader
 from generator.scenario.messages import HEADER_KEYS, message
 from generator.scenario.model import FrameSpec, SceneSpec, height_followers
@@ -114,11 +115,19 @@ class Scenario:
             There is no such frame.
         ScenarioError
             The values are not acceptable.
+        TimeRangeError
+            The exposure is outside the Earth orientation table.
         """
         self._check_index(index)
         if self.steps is None:
-            return self._read(self._values(index), FrameSpec)
-        return frame_of(self.sequence(index // self.steps), index % self.steps)
+            spec = self._read(self._values(index), FrameSpec)
+        else:
+            spec = frame_of(self.sequence(index // self.steps), index % self.steps)
+        try:
+            earth_orientation(Instant.parse(spec.time.utc_start).plus(spec.shutter_s / 2))
+        except TimeRangeError as error:
+            raise TimeRangeError(f"{self.source}: time.utc_start: frame {index}: {error}") from error
+        return spec
 
     def sequence(self, number: int) -> SequenceSpec:
         """Return sequence `number` (0 to sequence_count - 1) with every value fixed; draws hold for all of its frames.

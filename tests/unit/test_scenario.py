@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scenes import BASE, small_scenario
 
-from generator.errors import ScenarioError
+from generator.errors import ScenarioError, TimeRangeError
 from generator.light.atmosphere import usual_pressure_hpa
+from generator.places import times
 from generator.scenario.file import load_scenario, parse_scenario
 from generator.scenario.model import NAMED_ATTITUDES, FrameSpec, Pointing, pointing_matrix, pointing_of
 from generator.scenario.sequences.sequence import SequenceSpec, frame_of
@@ -245,3 +246,21 @@ def test_the_air_of_a_path_follows_its_height() -> None:
     assert low.atmosphere.pressure_hpa > 1000
     assert high.atmosphere.pressure_hpa == pytest.approx(float(usual_pressure_hpa(high.site.height_m)))
     assert high.site.height_m > 4000
+
+
+@pytest.mark.parametrize(("time", "index"), [
+    ({"utc_start": "1965-01-01T00:00:00Z", "exposure_s": 0.5}, 0),
+    ({"utc_start": {"sweep": ["2020-01-15T20:00:00Z", "1970-06-01T00:00:00Z"]}, "exposure_s": 0.5}, 1),
+    ({"utc_start": "1973-01-01T12:00:00Z", "exposure_s": 0.5, "every_s": 60, "count": 3}, 2),
+])  # fmt: skip
+def test_a_time_beyond_the_table_of_earth_orientation_names_file_and_key(time, index, monkeypatch) -> None:
+    # This table ends between the second and the third frame of the sequence.
+    if "every_s" in time:
+        monkeypatch.setattr(times, "finals2000a", lambda: np.array([[41683.0, 0, 0, 0], [41683.501, 0, 0, 0]]))
+    scenario = parse_scenario(yaml.safe_dump(BASE | {"time": time}), "mine.yaml")
+    for good in range(index):
+        scenario.frame(good)
+    with pytest.raises(
+        TimeRangeError, match=rf"mine\.yaml: time\.utc_start: frame {index}: .* Earth orientation table"
+    ):
+        scenario.frame(index)
