@@ -44,11 +44,11 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Render a small dataset, solve it with the default solver and others, and write a page about it."""
-    from generator.scenario.packed import load_packed
+    from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     try:
-        loaded = load_packed(find_scenario(scenario))
+        loaded = load_scenario(find_scenario(scenario))
         made, page, details = _render_and_solve(loaded, frames, out, overwrite)
     except (BenchmarkError, GeneratorError) as error:
         fail(error)

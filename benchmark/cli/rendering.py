@@ -50,11 +50,11 @@ def render(
     that `skybench verify DIR` names are rendered again.
     """
     from generator.scenario.contradictions import contradictions_of
-    from generator.scenario.packed import load_packed
+    from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     try:
-        loaded = load_packed(find_scenario(scenario))
+        loaded = load_scenario(find_scenario(scenario))
         print_warnings(contradictions_of(loaded))
         from generator.frame.render import render_dataset  # loads Mitsuba, for which an invalid scenario need not wait
 

@@ -64,7 +64,6 @@ def thesis(
         PAGE,
         run_study,
     )  # loads the solvers, which --help need not wait for
-    from generator.scenario.packed import check_packages
     from generator.scenario.shipped import find_scenario
 
     if frames is not None and dataset is not None:
@@ -72,8 +71,7 @@ def thesis(
         raise typer.Exit(EXIT_BAD_INPUT)
     command = _command(frames, dataset, sites)
     with _one_line_for_bad_input(), _bars() as progress:
-        check_packages(place := find_scenario(scenario))
-        study = run_study(place, frames, dataset, work, out, sites, command, progress)
+        study = run_study(find_scenario(scenario), frames, dataset, work, out, sites, command, progress)
     _print_study((f"{answer.key:6} {answer.verdict}" for answer in study.answers), out / NUMBERS, out / PAGE, as_json)
 
 
@@ -111,14 +109,14 @@ def calibration(
 ) -> None:
     """Give a solver a wrong camera, attitude, clock or sky, and compare its error with the first-order prediction."""
     from benchmark.studies.calibration.chosen import check_gradient, check_sizes, read_sizes, subject_of
-    from generator.scenario.packed import load_packed
+    from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     # Invalid input is refused before the solvers and the renderer are loaded.
     with _one_line_for_bad_input():
         by_fault = read_sizes(fault_sizes or ())
         path = find_scenario(scenario)
-        subject = subject_of(loaded := load_packed(path))
+        subject = subject_of(loaded := load_scenario(path))
         check_sizes(subject, by_fault)
         if gradient:
             check_gradient(loaded, subject)
@@ -181,7 +179,6 @@ def realism(
     """Run solvers on photographs and on their rendered twins, and report whether the twins predict the photographs."""
     from benchmark.studies.realism.study import NUMBERS, PAGE, run_study
     from benchmark.twin.scene import read_scene
-    from generator.scenario.packed import check_packages
     from generator.scenario.shipped import find_scenario
 
     files = [path.name for path in photographs]
@@ -194,8 +191,8 @@ def realism(
     )
     with _one_line_for_bad_input(), _bars() as progress:
         names = _solvers(solver)
-        check_packages(place := find_scenario(scene))
-        study = run_study(read_scene(place), photographs, calibrate_on, names, work, out, command, progress, mask)
+        given = read_scene(find_scenario(scene))
+        study = run_study(given, photographs, calibrate_on, names, work, out, command, progress, mask)
     found = study.agreement
     lines = (
         f"tau of success {found.tau_success.value:.2f} ({found.tau_success.low:.2f} to {found.tau_success.high:.2f})",

@@ -82,12 +82,10 @@ def twin(
     from benchmark.twin.scene import read_scene
     from benchmark.twin.sources import check_names, sources_of
     from benchmark.twin.truth import FRAMES, TruthFolder
-    from generator.scenario.packed import check_packages
     from generator.scenario.shipped import find_scenario
 
     try:
-        check_packages(place := find_scenario(scene))
-        given = read_scene(place)
+        given = read_scene(find_scenario(scene))
         trails = {} if passing is None else read_given_passing(passing)
         sources = sources_of(photographs)
         if ground is not None:

@@ -24,7 +24,7 @@ from generator.files import linked_within
 from generator.reading.png_header import check_png
 from generator.reading.record import image_shape
 from generator.reading.stars import missing_rows
-from generator.scenario.packed import load_packed
+from generator.scenario.file import load_scenario
 from generator.stored_files import StoredFile, file_problem, problems_of_files, strange_files
 
 OPTIONAL_PICTURES = {"developed.png", "hud.png", "mask.png"}
@@ -62,7 +62,7 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
 def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
     """Contradictions between the manifest and the scenario next to it, and shards that the manifest does not list."""
     try:
-        scenario = load_packed(folder / SCENARIO_COPY)
+        scenario = load_scenario(folder / SCENARIO_COPY)
         spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
         shards = divide(scenario, spec, manifest.first, manifest.stop)
     except GeneratorError as error:
@@ -82,7 +82,7 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
 def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[str]]:
     """Paths at which receipts may be, and problems of receipts that are damaged or contradict the manifest."""
     try:
-        scenario = load_packed(folder / SCENARIO_COPY)
+        scenario = load_scenario(folder / SCENARIO_COPY)
         spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
         shards = divide(scenario, spec, manifest.first, manifest.stop)
     except GeneratorError:  # reported by the check of the scenario

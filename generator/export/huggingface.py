@@ -25,7 +25,7 @@ from generator.export.form import ExportOptions, Progress
 from generator.export.plain_files import raw_png
 from generator.export.zenodo import ZENODO, write_zenodo
 from generator.files import atomic_path, linked_within, path_within, write_bytes
-from generator.scenario.packed import load_packed
+from generator.scenario.file import load_scenario
 from generator.stored_files import StoredFile, file_problem
 
 EVAL, RECIPE, TASK_CARD_PREFIX = "eval.yaml", "recipe", "task-"
@@ -139,7 +139,7 @@ def _keep_recipe(dataset: Dataset, folder: Path) -> None:
     """
     listed = {file.path: file for file in dataset.manifest.files}
     _copy(dataset, listed, SCENARIO_COPY, folder)
-    for file in load_packed(dataset.folder / SCENARIO_COPY).files:
+    for file in load_scenario(dataset.folder / SCENARIO_COPY).files:
         _copy(dataset, listed, file.path, folder)
 
 

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 from benchmark.cli.app import app
 from generator.errors import ScenarioError
-from generator.ground.stellarium.compression import check_compression
+from generator.ground.stellarium.landscape import read_landscape
 from generator.ground.stellarium.package import PackageError
-from generator.scenario.packed import load_packed
+from generator.scenario.file import load_scenario
 
 INI = "[landscape]\nname = x\ntype = spherical\nmaptex = a.png\n"
 UNPACKED_BYTES = 100_000_000
@@ -44,7 +44,7 @@ def test_a_bomb_of_an_unbounded_method_is_not_unpacked(tmp_path, kind, name) -> 
     tracemalloc.start()
     try:
         with pytest.raises(ScenarioError) as caught:
-            load_packed(scene(tmp_path, {"file": "bomb.zip"}))
+            load_scenario(scene(tmp_path, {"file": "bomb.zip"}))
         assert tracemalloc.get_traced_memory()[1] < UNPACKED_BYTES / 4
     finally:
         tracemalloc.stop()
@@ -61,23 +61,22 @@ def test_a_bomb_among_the_values_of_a_sweep_is_found(tmp_path) -> None:
     package(tmp_path / "Bomb.ZIP", zipfile.ZIP_BZIP2)
     path = scene(tmp_path, {"file": {"sweep": ["good.zip", "./Bomb.ZIP"]}})
     with pytest.raises(ScenarioError, match=r"'\./Bomb\.ZIP': 'x/landscape\.ini' is compressed by bzip2"):
-        load_packed(path)
+        load_scenario(path)
 
 
 @pytest.mark.parametrize("kind", PERMITTED)
 def test_stored_and_deflated_packages_are_read(tmp_path, kind) -> None:
     package(tmp_path / "a.zip", kind)
-    assert load_packed(scene(tmp_path, {"file": "a.zip"})).frame_count == 1
+    assert load_scenario(scene(tmp_path, {"file": "a.zip"})).frame_count == 1
 
 
 def test_what_is_no_package_is_left_to_the_reader(tmp_path) -> None:
     (tmp_path / "text.zip").write_text("no archive")
-    check_compression(tmp_path / "text.zip", "text.zip")
     for name, words in (("text.zip", "is not a zip archive"), ("none.zip", "cannot be read"), ("../a.zip", "leaves")):
         with pytest.raises(ScenarioError, match=words):
-            load_packed(scene(tmp_path, {"file": name}))
+            load_scenario(scene(tmp_path, {"file": name}))
     with pytest.raises(PackageError, match="method 97"):
-        check_compression(_of_method(package(tmp_path / "a.zip", zipfile.ZIP_STORED), 97), "a.zip")
+        read_landscape(_of_method(package(tmp_path / "a.zip", zipfile.ZIP_STORED), 97), "a.zip")
 
 
 def _of_method(path: Path, method: int) -> Path:

@@ -63,7 +63,7 @@ def generate(
     from generator.dataset.layout import DatasetSpec, natural_shard_size
     from generator.dataset.shard import ShardReport
     from generator.scenario.contradictions import contradictions_of
-    from generator.scenario.packed import load_packed
+    from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     started = time.monotonic()
@@ -75,7 +75,7 @@ def generate(
 
     try:
         path = find_scenario(scenario)
-        loaded = load_packed(path)
+        loaded = load_scenario(path)
         print_warnings(contradictions_of(loaded))
         chosen = _range("--frames", frames) if frames else (0, loaded.frame_count)
         share = _share(part, shards)

@@ -37,11 +37,11 @@ def plan(
     from benchmark.report.formatting import duration, file_size
     from generator.dataset.forecast import forecast
     from generator.dataset.layout import natural_shard_size
-    from generator.scenario.packed import load_packed
+    from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     try:
-        loaded = load_packed(find_scenario(scenario))
+        loaded = load_scenario(find_scenario(scenario))
         with working("planning"):
             expected = forecast(loaded, measure)
     except GeneratorError as error:

@@ -29,7 +29,7 @@ from benchmark.studies.common.page_model import Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import write_rows, write_table
 from generator.files import write_bytes
-from generator.scenario.packed import load_packed
+from generator.scenario.file import load_scenario
 
 FORMAT = "skybench-study/1"
 PAGE, NUMBERS, SHIFTS, GRADIENT = "index.html", "study.json", "shifts.parquet", "gradient.parquet"
@@ -102,7 +102,7 @@ def run_study(
         The message says what to do about it.
     """
     start = time.monotonic()
-    scenario = load_packed(scenario_path)
+    scenario = load_scenario(scenario_path)
     subject = subject_of(scenario)
     check_sizes(subject, fault_sizes)
     if sizes.gradient:

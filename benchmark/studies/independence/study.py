@@ -32,7 +32,7 @@ from benchmark.studies.independence.perturbations import (
     SuppliedSizes,
 )
 from generator.files import write_bytes
-from generator.scenario.packed import load_packed
+from generator.scenario.file import load_scenario
 
 FORMAT = "skybench-study/1"
 PAGE, NUMBERS = "index.html", "study.json"
@@ -91,7 +91,7 @@ def run_study(
     """
     if n_frames < FEWEST_FRAMES:
         raise ResultsError(f"{n_frames} frames give no interval of a median; take {FEWEST_FRAMES} or more")
-    scenario = load_packed(scenario_path)
+    scenario = load_scenario(scenario_path)
     sets: dict[str, Path] = {}
     progress.begin("frames", n_frames * (1 + len(perturbations)))
     for perturbation in (None, *perturbations):

@@ -1,7 +1,8 @@
 """A landscape package from a third party: an archive of limited size, and its landscape.ini as checked values.
 
 Nothing is unpacked to disk. A member is used only if it is in the folder of landscape.ini or below it, and is read up to
-a limit, whatever its header states.
+a limit, whatever its header states. All members must be stored or deflated, as in Stellarium's own packages: Python
+decompresses bzip2 and LZMA without a limit, and one read of a package of a kilobyte takes gigabytes, whatever it asks for.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ LARGEST_INI_BYTES = 65_536
 LARGEST_LIST_BYTES = 2_000_000
 LARGEST_MEMBER_BYTES = 200_000_000
 LONGEST_VALUE = 1000
+_PERMITTED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_METHODS = {zipfile.ZIP_BZIP2: "bzip2", zipfile.ZIP_LZMA: "LZMA", 93: "Zstandard", 95: "xz"}
 _SECTION = re.compile(r"\[(.+)\]")
 _ENTRY = re.compile(r"([^=]+)=(.+)")
 
@@ -41,7 +44,8 @@ class Package:
     Raises
     ------
     PackageError
-        The file is not a zip archive, or does not have exactly one landscape.ini.
+        The file is not a zip archive, has a file that is neither stored nor deflated, or does not have exactly one
+        landscape.ini.
     """
 
     def __init__(self, path: Path, name: str) -> None:
@@ -53,12 +57,22 @@ class Package:
             raise PackageError(f"'{name}' is not a zip archive ({error})") from error
         if len(members) > MOST_MEMBERS:
             raise PackageError(f"'{name}' has {len(members)} files; a landscape has at most {MOST_MEMBERS}")
+        for member in members:
+            self._check_compression(member)
         self.members = {info.filename: info for info in members}
         found = [place for place in self.members if posixpath.basename(place) == INI and "__MACOSX" not in place]
         if len(found) != 1:
             raise PackageError(f"'{name}' has {len(found)} files {INI}, expected one: pack one landscape's folder")
         self.folder = posixpath.dirname(found[0])
         self.values = self._ini(found[0])
+
+    def _check_compression(self, member: zipfile.ZipInfo) -> None:
+        if member.compress_type not in _PERMITTED:
+            kind = _METHODS.get(member.compress_type, f"method {member.compress_type}")
+            raise PackageError(
+                f"'{self.name}': '{member.filename[:100]}' is compressed by {kind}, which is not read; pack it again, "
+                "deflated (zip -r)"
+            )
 
     def _ini(self, place: str) -> dict[str, str]:
         """The section [landscape], keys in lower case."""
