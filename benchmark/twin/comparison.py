@@ -150,11 +150,6 @@ def measure(
     )
 
 
-def chance_share(usable_px: int, stars: int) -> float:
-    """Fraction of detections at random positions within `STAR_PX` of a star, from the numbers of stars and pixels."""
-    return float(1 - np.exp(-stars * np.pi * STAR_PX**2 / usable_px))
-
-
 def _spurious(uv: Floats, stars: cKDTree) -> float:
     if not len(uv):
         return float("nan")

@@ -114,15 +114,6 @@ def check_claims(path: Path) -> None:
         raise GeneratorError(f"{path}: not a readable Parquet file ({str(error)[:300]})") from error
 
 
-def row_count(path: Path) -> int:
-    """Number of rows that a table states. Raises GeneratorError if it cannot be read."""
-    try:
-        with _opened(path) as file:
-            return int(file.metadata.num_rows)
-    except (OSError, pa.ArrowException, ValueError) as error:
-        raise GeneratorError(f"{path}: not a readable Parquet file ({str(error)[:300]})") from error
-
-
 def _opened(path: Path, texts: Collection[str] = ()) -> pq.ParquetFile:
     return pq.ParquetFile(
         path,

@@ -24,8 +24,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-NO_TERMS = (0.0, 0.0, 0.0, 0.0)
-
 
 def displacement(a: Any, b: Any, p: Sequence[Any], s: Sequence[Any]) -> tuple[Any, Any]:
     """Displacement (a' - a, b' - b) at normalised coordinates, by p1, p2 and s1..s4 (or no s)."""
