@@ -39,7 +39,7 @@ from benchmark.twin.weather import (
     sky_cells,
 )
 from celnav.camera import Camera
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame

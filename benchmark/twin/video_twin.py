@@ -21,7 +21,7 @@ from benchmark.twin.render_twin import FIT_MAG, ground_of, stars_of, stars_to_co
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
 from benchmark.twin.stacked_video import StackedVideo, read_stack
 from benchmark.twin.twin import StackRange, Twin, VideoWeather
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame

@@ -17,7 +17,7 @@ from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame

@@ -36,8 +36,10 @@ COPIES_BYTES = 1 << 28
 Floats = NDArray[np.float64]
 FINEST_BITS = 24
 """Binary digits of the splats' fixed-point sum below one electron: a resolution of 6e-8 electrons."""
-LARGEST_SUM_BITS = 62
-"""Binary digits that the light of all stars takes at most if it is in one pixel; the sum has 64."""
+SUM_BITS = 64
+"""Binary digits of the sum."""
+ROUNDING_MARGIN = 1.01
+"""Factor on the light of all stars, larger than what rounding each splat to units adds."""
 MOST_ELECTRONS = 1e30
 """Electrons that all stars give at most: far more than any sensor holds, and within single precision."""
 LANES_AT_ONCE = 1_000_000
@@ -225,9 +227,7 @@ def all_electrons(tracks: StarTracks, electrons: Floats) -> float:
 
 
 def units_per_electron(all_e: float) -> float:
-    """Units of a sum per electron, a power of two: `all_e` electrons in one pixel are a quarter of the sum's range at most.
-
-    The rest is for rounding, and for light from beyond stamps that is spread over them.
+    """Units of a sum per electron, a power of two: `all_e` electrons in one pixel are within the sum's range.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def units_per_electron(all_e: float) -> float:
             f"the stars and other points of light give {all_e:g} electrons, expected less than {MOST_ELECTRONS:g}; "
             "make the lights fainter, or camera.aperture_mm or time.exposure_s smaller"
         )
-    return 2.0 ** min(FINEST_BITS, LARGEST_SUM_BITS - math.ceil(math.log2(all_e + 1)))
+    return 2.0 ** min(FINEST_BITS, SUM_BITS - math.ceil(math.log2(ROUNDING_MARGIN * all_e + 1)))
 
 
 def splat_gaussian(

@@ -15,7 +15,7 @@ from PIL import Image
 
 from generator.dataset.images import encode
 from generator.dataset.table_writer import write_table
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import frame_record, record_bytes, star_table
 from generator.frame.scene import frame_layers

@@ -19,7 +19,7 @@ from benchmark.twin.photograph import read_photograph
 from benchmark.twin.stacked_video import read_stack, start_of
 from benchmark.twin.video_twin import black_level
 from celnav.camera import Camera
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.render import render_frame
 from generator.scenario.file import load_scenario, parse_scenario

@@ -9,7 +9,7 @@ from small_scenes import small_scenario
 
 from generator.bake import make_maps
 from generator.bake.make_maps import run_worker
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers
 from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from small_scenes import small_scenario
 
 from generator import plugins
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers
 from generator.light.disk_scattering import disk_irradiance

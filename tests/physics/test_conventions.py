@@ -8,7 +8,7 @@ import pytest
 from small_scenes import small_scenario
 
 import celnav
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.scenario.model import Pointing, pointing_matrix, pointing_of
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.places.astrometry import Air, Site
 from generator.places.dispersion import dispersion_deg, may_disperse

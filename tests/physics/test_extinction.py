@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import quantum_efficiency
 from generator.light.atmosphere import (

@@ -9,7 +9,7 @@ from scipy.special import erf
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.optics.psf import FINE_PER_PX, pixel_psf, psf_table
 from generator.optics.pupil import noll_degrees, wavefront_terms, zernike

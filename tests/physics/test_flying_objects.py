@@ -11,7 +11,7 @@ from skyfield.api import EarthSatellite, Loader, wgs84
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.render import render_dataset, render_frame
 

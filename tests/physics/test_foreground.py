@@ -11,7 +11,7 @@ from small_scenes import BASE
 
 from generator import plugins
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.scenario.file import parse_scenario
 

@@ -5,7 +5,7 @@ import pytest
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import airmass_to, plan_frame
 from generator.frame.record import frame_record, star_table
 from generator.light.atmosphere import airmass, usual_pressure_hpa, usual_temperature_c

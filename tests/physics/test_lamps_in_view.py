@@ -9,7 +9,7 @@ from PIL import Image
 from small_scenes import BASE, V_BAND_QE
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
 from generator.ground.lamp import KINDS, Lamp, spectrum

@@ -9,7 +9,7 @@ from PIL import Image
 from small_scenes import BASE, FISHEYE_CAMERA
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.landscape import sky_light
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers

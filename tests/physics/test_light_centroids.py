@@ -6,7 +6,7 @@ from small_scenes import small_scenario
 
 from benchmark.frames.dataset import TruthStars
 from benchmark.judge.star_id import score_matches
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
 from generator.frame.record import star_table

@@ -5,7 +5,7 @@ import pytest
 from small_scenes import small_scenario
 
 from generator.errors import GeneratorError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers
 from generator.light.atmosphere import Atmosphere

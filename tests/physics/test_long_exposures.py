@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_scenes import small_scenario
 
 from generator.errors import GeneratorError
-from generator.frame.expected import render_expected
-from generator.frame.parts import part_count
+from generator.frame.exposure.expected import render_expected
+from generator.frame.exposure.parts import part_count
 from generator.frame.plan import LONGEST_LIGHT_S, FramePlan, plan_frame
 from generator.frame.scene import ExpectedFrame, render_under_one_sky
 from generator.frame.star_truth import StarTruth
 from generator.places.times import Instant
-from tests.small_scenes import small_scenario
 
 DELFT = {"latitude_deg": 52, "longitude_deg": 4.36, "height_m": 0}
 EAST: dict[str, Any] = {

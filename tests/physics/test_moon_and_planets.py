@@ -6,7 +6,7 @@ from skyfield.api import Loader, load_file, wgs84
 from skyfield.magnitudelib import planetary_magnitude
 from small_scenes import small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.light.photometry import BESSELL_V, GRID_NM
 from generator.places.astrometry import Air, Site, apparent_places

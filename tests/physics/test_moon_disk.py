@@ -5,7 +5,7 @@ import pytest
 from skyfield.api import Loader, load_file, wgs84
 from small_scenes import small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.moon import disk
 from generator.frame.moon.disk import disk_grid, moon_lights
 from generator.frame.moon.occultation import times_inside

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.optics.motion import body_rotation, gimbal_jitter, vibration
 from generator.scenario.file import parse_scenario

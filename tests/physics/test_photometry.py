@@ -7,7 +7,7 @@ import pytest
 import speclite.filters
 from small_scenes import V_BAND_QE, small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.light.photometry import (
     BESSELL_B,

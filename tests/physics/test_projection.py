@@ -9,7 +9,7 @@ from small_scenes import small_scenario
 
 from generator import plugins
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import scene_dict
 from generator.scenario.projection import Projection

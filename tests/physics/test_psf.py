@@ -12,7 +12,7 @@ from small_scenes import BASE, small_scenario
 
 from generator import plugins
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.optics.psf import FINE_PER_PX, pixel_psf, psf_table
 from generator.scenario.camera_spec import CameraSpec

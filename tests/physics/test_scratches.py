@@ -9,7 +9,7 @@ from scipy import ndimage
 from small_scenes import small_scenario
 
 from generator import plugins
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scattered_light import lens_light
 from generator.frame.scene import camera_dict

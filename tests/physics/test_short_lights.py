@@ -7,7 +7,7 @@ import pytest
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.flying.orbits import spans_s
 from generator.frame.plan import plan_frame
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_scenes import V_BAND_QE, small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers, quantum_efficiency
 from generator.light.photometry import ARCSEC2_PER_SR, GRID_NM, radiance_from_surface_brightness

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import gammaincinv
 from small_scenes import small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.point_lights import aureoles, faint_lights, star_lights
 from generator.light.cloud_kinds import WAVELENGTH_UM, point_share

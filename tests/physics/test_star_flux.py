@@ -6,7 +6,7 @@ from scipy.stats import norm
 from small_scenes import small_scenario
 
 from generator import plugins
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import scene_dict
 

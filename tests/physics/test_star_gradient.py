@@ -10,7 +10,7 @@ from small_scenes import small_scenario
 
 from benchmark.studies.calibration.camera_by_gradient import difference, passed_share, recover_camera, spoiled
 from generator import plugins
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import scene_dict
 

@@ -11,7 +11,7 @@ import skyfield_data
 from skyfield.api import Loader, Star, wgs84
 from small_scenes import small_scenario
 
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import LONGEST_CHORD_S, plan_frame, refracting_air
 from generator.places.astrometry import MAS_TO_RAD, Site, apparent_places
 from generator.places.catalogue import load_catalogue

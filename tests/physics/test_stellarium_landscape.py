@@ -14,7 +14,7 @@ from PIL import Image
 from small_scenes import BASE, FISHEYE_CAMERA
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.ground.stellarium.landscape import read_landscape
 from generator.scenario.file import parse_scenario

@@ -17,7 +17,7 @@ from generator.bake.twilight_setting import (
     JUDGED_VIEWS_DEG,
 )  # fmt: skip
 from generator.errors import GeneratorError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.light.atmosphere import Atmosphere, standard_pressure_hpa
 from generator.light.bake_grids import BakedAir, TwilightGrid

@@ -7,7 +7,7 @@ from scipy import stats
 from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.sensor_spec import SensorSpec

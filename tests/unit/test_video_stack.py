@@ -8,8 +8,8 @@ from astropy.io import fits
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
-from generator.frame.expected import render_expected
-from generator.frame.parts import plan_part
+from generator.frame.exposure.expected import render_expected
+from generator.frame.exposure.parts import plan_part
 from generator.frame.plan import plan_frame
 from generator.frame.render import render_frame
 from generator.frame.video.codec import decode, encode

@@ -17,7 +17,7 @@ from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
 from benchmark.protocol import Observation
 from benchmark.studies.independence.perturbations import UNPERTURBED, Perturbation, SuppliedSizes
-from generator.frame.expected import render_expected
+from generator.frame.exposure.expected import render_expected
 from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame

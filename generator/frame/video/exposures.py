@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame.expected import render_expected
-from generator.frame.parts import plan_part, without_sky
+from generator.frame.exposure.expected import render_expected
+from generator.frame.exposure.parts import plan_part, without_sky
 from generator.frame.plan import SKY_RATE_DEG_S, FramePlan
 from generator.scenario.processing.video_spec import VideoSpec
 from generator.seeds import random_stream, unit_stream

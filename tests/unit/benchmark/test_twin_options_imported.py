@@ -106,7 +106,7 @@ def test_a_scene_takes_the_ground_and_its_twin_has_it(imported: Path, scene: Pat
     with_ground = SCENE | {"foreground": {"landscape": {"file": "ground.png", "projection": "fisheye"}}}
     scene.write_text(yaml.safe_dump(with_ground), encoding="utf-8")
     from benchmark.twin.sources import sources_of
-    from generator.frame.expected import render_expected
+    from generator.frame.exposure.expected import render_expected
     from generator.frame.plan import plan_frame
 
     own, photograph = sources_of([imported])[0].read(read_scene(scene))

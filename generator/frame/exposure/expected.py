@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame.parts import part_count, plan_part, without_sky
+from generator.frame.exposure.parts import part_count, plan_part, without_sky
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame, render_under_one_sky
 from generator.frame.star_truth import StarTruth

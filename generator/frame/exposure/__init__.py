@@ -1,0 +1,1 @@
+"""Expected light of an exposure: at once, or as the sum of parts."""
