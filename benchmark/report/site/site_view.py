@@ -99,6 +99,16 @@ class Overall:
     rows: tuple[OverallRow, ...]
     by_group: Mapping[str, Mapping[str, OverallRow]]
 
+    @property
+    def complete(self) -> tuple[OverallRow, ...]:
+        """Solvers that answered all sets, which alone have the numbers."""
+        return tuple(row for row in self.rows if len(row.entries) == self.n_sets)
+
+    @property
+    def partial(self) -> tuple[OverallRow, ...]:
+        """Solvers that answered some of the sets."""
+        return tuple(row for row in self.rows if len(row.entries) < self.n_sets)
+
 
 @dataclass(frozen=True, eq=False)
 class SolverView:

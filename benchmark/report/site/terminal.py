@@ -31,9 +31,13 @@ def overall_tables(boards: Sequence[Board]) -> list[Table]:
         table.add_column("solver", overflow="fold")
         for column in columns.LEADING:
             table.add_column(column.heading, justify="right", overflow="fold")
-        for row in overall.rows:
+        for row in overall.complete:
             cells = [(column.value(row), column.interval(row)) for column in columns.LEADING]
             table.add_row(escape(row.label), *(f"{value}\n[dim]{limits}[/dim]" for value, limits in cells))
+        if overall.partial:
+            fewer = ", ".join(f"{row.label} ({len(row.entries)})" for row in overall.partial)
+            table.caption = f"[dim]of fewer sets: {escape(fewer)}[/dim]"
+            table.caption_justify = "left"
         tables.append(table)
     return tables
 

@@ -63,6 +63,18 @@ def test_each_set_counts_alike_and_who_did_not_answer_all_has_dashes(boards):
     assert fewer[0].label == boards[0].entries[0].label
 
 
+def test_who_did_not_answer_all_sets_is_named_below_the_table(boards):
+    first = boards[0].__class__(**{**vars(boards[0]), "entries": boards[0].entries[:1]})
+    (found,) = overall_of([first, *boards[1:]])
+    everywhere = boards[0].entries[0].label
+    assert [row.label for row in found.complete] == [everywhere]
+    assert {row.label for row in found.partial} == {solver.name for solver in SOLVERS} - {everywhere}
+    table, *_ = result_tables([first, *boards[1:]])
+    assert table.row_count == 1
+    for row in found.partial:
+        assert f"{row.label} ({len(boards) - 1})" in table.caption
+
+
 def test_a_number_that_some_sets_lack_is_said_so(boards):
     row = overall_rows(boards)[0]
     lame = [{**entry.metrics, "nees": UNDEFINED} if n == 0 else entry.metrics for n, entry in enumerate(row.entries)]
