@@ -12,6 +12,7 @@ from generator.gallery.fisheye import View, all_sky, plan_of
 from generator.gallery.landscape_views import landscapes
 from generator.gallery.light_plots import artificial_and_moon
 from generator.gallery.natural_plots import natural_sky
+from generator.gallery.trail_views import star_trails
 from generator.gallery.twilight_plots import twilight_measured
 from generator.gallery.video_views import meteor_stack
 
@@ -61,6 +62,7 @@ def make_gallery(folder: Path) -> list[Path]:
     pictures.append(sheet(views, 2, folder / "clouds.jpg", "The same thin cloud over a city and over a desert"))
     pictures.append(sheet(cloud_views(), 3, folder / "cloud_kinds.jpg", "Kinds of cloud over lamps and under the Moon"))
     pictures.append(save(landscapes(), folder / "landscapes.jpg"))
+    pictures.append(save(star_trails(), folder / "star_trails.jpg"))
     pictures.append(save(meteor_stack(), folder / "meteor_stack.jpg"))
     pictures.append(save(natural_sky(), folder / "natural_sky.jpg"))
     pictures.append(save(artificial_and_moon(), folder / "city_and_moon.jpg"))
