@@ -59,7 +59,7 @@ ATTACKS = {
     "stack of two parts": ("stack", "a.exr", parts(part("a", 15, "A"), part("b", 15, "WXYZ")), "found 2 parts"),
     "endless side": ("stack", "a.fits", fits_header(*ENDLESS), "float infinity"),
     "half a word": ("stack", "a.fits", fits_header("NAXIS   = 'abc"), "Unparsable card"),
-    "damaged LZMA": ("landscape", "a.zip", damaged_lzma, r"landscape\.ini' cannot be unpacked"),
+    "damaged LZMA": ("landscape", "a.zip", damaged_lzma, r"landscape\.ini' is compressed by LZMA, which is not read"),
     "links in a circle": ("landscape", "a.png", circle, "cannot be read"),
 }  # fmt: skip
 
