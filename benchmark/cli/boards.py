@@ -92,9 +92,9 @@ def boards(
     """
     from benchmark.report.refresh import (
         BoardsRequest,
+        compared_frames,
         count_as_before,
         plan_boards,
-        rendered_frames,
         run_plan,
     )  # loads the solvers
     from benchmark.run.packing import pack_tree
@@ -107,9 +107,9 @@ def boards(
     )
     try:
         found = plan_boards(request)
-        with progress_bars(hidden=not found.jobs) as bar:
-            n_rendered = rendered_frames(found, request)
-            comparing = bar.add_task("comparing frames with those of the results", total=n_rendered)
+        n_compared = compared_frames(found, request)
+        with progress_bars(hidden=not n_compared) as bar:
+            comparing = bar.add_task("comparing frames with those of the results", total=n_compared)
             found, notes = count_as_before(found, request, partial(bar.advance, comparing))
         if not as_json:
             _print_plan(found, request)

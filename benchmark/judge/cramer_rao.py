@@ -111,7 +111,10 @@ def turn_derivatives(camera: celnav.Camera, R_cam: F8, uv: F8) -> F8:
     seen = camera.in_frame(uv) & np.isfinite(rays).all(axis=1)
     uv_by_ray = camera.project_with_derivatives(rays[seen])[1]
     # A rotation w moves the direction d by w x d, and g (w x d) = w (d x g).
-    found[seen] = np.cross((rays[seen] @ R_cam)[:, None, :], uv_by_ray @ R_cam)
+    east, north, up = (rays[seen] @ R_cam).T[:, :, None]
+    by_east, by_north, by_up = np.moveaxis((uv_by_ray.reshape(-1, 3) @ R_cam).reshape(-1, 2, 3), 2, 0)
+    turned = (north * by_up - up * by_north, up * by_east - east * by_up, east * by_north - north * by_east)
+    found[seen] = np.stack(turned, axis=2)
     return found
 
 
@@ -147,11 +150,10 @@ def information_on_position(by_turn: F8, by_lens: F8, places: F8, latitude_deg: 
     """
     usable = np.isfinite(by_turn).all(axis=(1, 2)) & np.isfinite(places).all(axis=(1, 2))
     free = np.flatnonzero(prior.sigmas > 0)
-    moves = np.concatenate(
-        (by_turn[usable] @ displacement_turns(latitude_deg), by_turn[usable], by_lens[usable]), axis=2
-    )
-    wanted = np.concatenate(([0, 1], free + 2))
-    stars = (_roots(places[usable]) @ moves)[:, :, wanted].reshape(-1, len(wanted))
+    turns = by_turn[usable]
+    displaced = (turns.reshape(-1, 3) @ displacement_turns(latitude_deg)).reshape(-1, 2, 2)
+    unknown = np.concatenate((turns, by_lens[usable]), axis=2)[:, :, free]
+    stars = _rooted(places[usable], np.concatenate((displaced, unknown), axis=2)).reshape(-1, 2 + len(free))
     # What is known beforehand counts as further measurements, which do not depend on the position.
     known = np.column_stack((np.zeros((len(free), 2)), np.diag(1.0 / prior.sigmas[free])))
     root = _triangle(np.vstack((stars, known)))
@@ -161,13 +163,14 @@ def information_on_position(by_turn: F8, by_lens: F8, places: F8, latitude_deg: 
     return np.asarray((axes * np.where(values > least, values, 0.0)) @ axes.T)
 
 
-def _roots(places: F8) -> F8:
-    """Upper triangular roots L of symmetric matrices, shape (n, 2, 2): transposed(L) @ L is the matrix."""
+def _rooted(places: F8, moves: F8) -> F8:
+    """Multiply by upper triangular roots L of symmetric matrices, (n, 2, 2): transposed(L) @ L is the matrix; (n, 2, k)."""
     first = np.sqrt(places[:, 0, 0])
     shared = np.divide(places[:, 0, 1], first, out=np.zeros_like(first), where=first > 0)
-    found = np.zeros_like(places)
-    found[:, 0, 0], found[:, 0, 1] = first, shared
-    found[:, 1, 1] = np.sqrt(np.maximum(places[:, 1, 1] - shared**2, 0.0))
+    second = np.sqrt(np.maximum(places[:, 1, 1] - shared**2, 0.0))
+    found = np.empty_like(moves)
+    found[:, 0] = first[:, None] * moves[:, 0] + shared[:, None] * moves[:, 1]
+    found[:, 1] = second[:, None] * moves[:, 1]
     return found
 
 

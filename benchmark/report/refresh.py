@@ -120,14 +120,8 @@ def count_as_before(
     BenchmarkError
         Frames or a result are damaged, or a process ended.
     """
-    tasks = _tasks(request)
-    of_task: defaultdict[str, list[Job]] = defaultdict(list)
-    for job in plan.jobs:
-        if at_hand(tasks[job.place.task][1], request.choice):
-            of_task[job.place.task].append(job)
-    counted: dict[Place, Job] = {}
-    notes: dict[str, Notes] = {}
-    calls = [(label, tasks[label][0], tuple(jobs), request) for label, jobs in of_task.items()]
+    tasks, counted, notes = _tasks(request), dict[Place, Job](), dict[str, Notes]()
+    calls = [(label, tasks[label][0], tuple(jobs), request) for label, jobs in _comparable(plan, request).items()]
     for label, jobs, found in _in_parallel(calls, request.jobs):
         notes[label] = found
         counted |= {job.place: job for job in jobs}
@@ -221,11 +215,20 @@ def _renewed_words(done: SolverRun) -> str:
     return f"{done.solver}: {done.n_kept} of {n_frames} frames as before, {n_frames - done.n_kept} solved again"
 
 
-def rendered_frames(plan: Plan, request: BoardsRequest) -> int:
-    """Number of frames of a plan's tasks that are at hand, which `count_as_before` compares."""
+def compared_frames(plan: Plan, request: BoardsRequest) -> int:
+    """Number of frames that `count_as_before` compares."""
+    return sum(jobs[0].n_frames for jobs in _comparable(plan, request).values())
+
+
+def _comparable(plan: Plan, request: BoardsRequest) -> dict[str, list[Job]]:
+    """Jobs by task whose frames are at hand, and whose existing rows are of the solver's revision: others keep no answer."""
     tasks = _tasks(request)
-    found = {job.place.task: job.n_frames for job in plan.jobs if at_hand(tasks[job.place.task][1], request.choice)}
-    return sum(found.values())
+    found: defaultdict[str, list[Job]] = defaultdict(list)
+    for job in plan.jobs:
+        today = contestant_of(job.place.solver).facts("", job.place.detections).revision
+        if today is not None and job.revision == today and at_hand(tasks[job.place.task][1], request.choice):
+            found[job.place.task].append(job)
+    return found
 
 
 def missing_frames(plan: Plan, request: BoardsRequest) -> int:
@@ -262,7 +265,10 @@ def _standing(out: Path) -> dict[Place, Standing]:
         groups = []
     return {
         Place(stored.task.key, stored.provenance.detections, stored.provenance.solver.target or ""): Standing(
-            stored.age, len(stored.frames), float(stored.frames["time_ms"].mean()) / 1000.0
+            stored.age,
+            len(stored.frames),
+            float(stored.frames["time_ms"].mean()) / 1000.0,
+            stored.provenance.solver.revision,
         )
         for group in groups
         for stored in group

@@ -34,11 +34,14 @@ class Standing:
     n_frames : int
     frame_s : float
         Mean time per frame.
+    revision : str or None
+        Revision of the solver; None where it is unknown.
     """
 
     age: Age | None
     n_frames: int
     frame_s: float
+    revision: str | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class Job:
         Estimated time of one process, from the existing row or from the solver's other rows; None where it has no row.
     n_as_before : int
         Those of the frames that are unchanged since the existing row, and so are not solved again.
+    revision : str or None
+        Revision of the solver of the existing row; None without a row, or where it is unknown.
     """
 
     place: Place
@@ -61,6 +66,7 @@ class Job:
     n_frames: int
     seconds: float | None
     n_as_before: int = 0
+    revision: str | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,8 @@ def make_plan(
         why = _why(known, n)
         if why:
             each_s = usual_s.get(place.solver) if known is None else known.frame_s
-            jobs.append(Job(place, why, n, None if each_s is None else n * each_s))
+            seconds = None if each_s is None else n * each_s
+            jobs.append(Job(place, why, n, seconds, revision=None if known is None else known.revision))
         else:
             fresh.append(place)
     return Plan(tuple(jobs), tuple(fresh))

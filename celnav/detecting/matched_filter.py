@@ -13,7 +13,8 @@ from celnav.detecting.star_shape import StarShape, inverse
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-_ZONE_PX = 180
+# Sides of the zones that are filtered at a time: for a shape that varies over the frame, and for one that does not.
+_ZONE_PX, _ALIKE_PX = 180, 450
 # Size of the blocks of pixels that are filtered at a time.
 _BLOCK_ROWS, _BLOCK_COLUMNS = 360, 1152
 # Rows and columns produced by one matrix product: wider bands contain more zeros, narrower ones need more products.
@@ -135,12 +136,10 @@ def _response(star: F8, area: int) -> tuple[float, float]:
 
 
 def _filter_by_zones(light: F4, shape: StarShape) -> Filtered:
-    """Apply the filter of each zone of the frame; there is one zone if the shape is the same everywhere."""
-    from scipy import ndimage, signal
-
+    """Apply in each zone of the frame the filter for the shape at its middle."""
     height, width = light.shape
-    rows, columns = (max(1, round(n / _ZONE_PX)) if shape.varies else 1 for n in (height, width))
-    row_edges, column_edges = (np.linspace(0, n, k + 1).astype(int) for n, k in ((height, rows), (width, columns)))
+    zone = _ZONE_PX if shape.varies else _ALIKE_PX
+    row_edges, column_edges = (np.linspace(0, n, max(1, round(n / zone)) + 1).astype(int) for n in (height, width))
     amplitude, factor = np.empty_like(light), np.empty_like(light)
     for top, bottom in pairwise(row_edges):
         for left, right in pairwise(column_edges):
@@ -149,17 +148,41 @@ def _filter_by_zones(light: F4, shape: StarShape) -> Filtered:
             reach_u, reach_v = (int(np.ceil(3 * np.sqrt(covariance[0, k]))) for k in (0, 2))
             dv, du = np.mgrid[-reach_v : reach_v + 1, -reach_u : reach_u + 1]
             star = np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv))
-            side = 2 * int(np.ceil(2.4 * max(reach_u, reach_v))) + 1
-            gain, noise = _response(star, side**2)
-            margin = side // 2
-            above, before = min(margin, top), min(margin, left)
-            window = light[top - above : bottom + margin, left - before : right + margin]
-            padded = np.pad(window, ((reach_v, reach_v), (reach_u, reach_u)), mode="edge")
-            kernel = (star / star.sum()).astype(np.float32)  # symmetrical: convolution is correlation
-            summed = signal.oaconvolve(padded, kernel, mode="valid") - ndimage.uniform_filter(
-                window, side, mode="nearest"
-            )
-            part = slice(above, above + bottom - top), slice(before, before + right - left)
-            amplitude[top:bottom, left:right] = summed[part] / gain
+            margin = int(np.ceil(2.4 * max(reach_u, reach_v)))
+            gain, noise = _response(star, (2 * margin + 1) ** 2)
+            window = _with_margin(light, top, bottom, left, right, margin)
+            beyond = window[margin - reach_v : len(window) - margin + reach_v]
+            summed = _correlated(beyond[:, margin - reach_u : beyond.shape[1] - margin + reach_u], star / star.sum())
+            summed -= _mean_around(window, margin)
+            np.divide(summed, np.float32(gain), out=amplitude[top:bottom, left:right])
             factor[top:bottom, left:right] = noise / gain
-    return Filtered(amplitude, factor)
+    return Filtered(amplitude, factor if shape.varies else factor[:1, :1])
+
+
+def _with_margin(light: F4, top: int, bottom: int, left: int, right: int, margin: int) -> F4:
+    """Return a part of an image with a margin on all sides; beyond the border, the outermost pixels are repeated."""
+    rows = _rows_with_margin(light, top, bottom - top, margin)
+    first, last = left - margin, right + margin
+    if first >= 0 and last <= light.shape[1]:
+        return rows[:, first:last]
+    return rows.take(np.arange(first, last).clip(0, light.shape[1] - 1), axis=1)
+
+
+def _correlated(light: F4, star: F8) -> F4:
+    """Correlate with a symmetrical star image, where all of it lies on the light; (rows - star's rows + 1, ...)."""
+    from scipy import fft
+
+    size = tuple(fft.next_fast_len(side, real=True) for side in light.shape)
+    spectrum = fft.rfft2(light, size)
+    # Most rows of the enlarged star image are empty, so only its own are transformed along the first direction.
+    spectrum *= fft.fft(fft.rfft(star.astype(np.float32), size[1], axis=1), size[0], axis=0)
+    whole = fft.irfft2(spectrum, size, overwrite_x=True)
+    return np.asarray(whole[star.shape[0] - 1 : light.shape[0], star.shape[1] - 1 : light.shape[1]])
+
+
+def _mean_around(light: F4, reach: int) -> F4:
+    """Return the means over squares of 2 reach + 1 pixels that lie on the light; (rows - 2 reach, columns - 2 reach)."""
+    from scipy import ndimage
+
+    down = ndimage.uniform_filter1d(light, 2 * reach + 1, axis=0)[reach : len(light) - reach]
+    return np.asarray(ndimage.uniform_filter1d(down, 2 * reach + 1, axis=1)[:, reach : light.shape[1] - reach])

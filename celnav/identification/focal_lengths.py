@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.identification.effort import Effort
+from celnav.identification.frame_grid import frame_grid
 from celnav.identification.identify import Identified, identify
 from celnav.identification.question import Question
 from celnav.identification.search_config import SearchConfig
@@ -105,6 +106,6 @@ def _with_focal_length(question: Question, factor: float) -> tuple[Question, NDA
         uv=question.uv[rows],
         rays=rays[rows],
         mag=None if question.mag is None else question.mag[rows],
-        solid_angle_sr=camera.solid_angle_sr,
+        solid_angle_sr=frame_grid(camera).solid_angle_sr,
     )
     return scaled, rows

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,7 +195,7 @@ class _Search:
         """
         question = self.question
         bright = np.arange(min(len(question.uv), 300))
-        scale = question.camera.radians_per_px(question.uv[bright])
+        scale = question.radians_per_px(bright)
         sharp = bright[scale <= self.config.sharp_scale * _median_of_known(scale)] if len(bright) else bright
         rows = np.concatenate((sharp, np.arange(len(bright), len(question.uv))))
         orders = [_Order(rows, True)]
@@ -220,7 +219,7 @@ class _Search:
             stages = tuple(stage for stage in stages if not stage.skipped)
         most = order.rows[: max((stage.scored for stage in stages), default=0)]
         rays = question.rays[most].astype(np.float32)
-        scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
+        scale = question.radians_per_px(most).astype(np.float32)
         done: set[tuple[float, int, int]] = set()
         for stage in stages:
             view = View(rays[: stage.scored], scale[: stage.scored])
@@ -282,7 +281,7 @@ class _Search:
         allowed = None if near is None else near.allowed(view.rays[: ranks[1]], self.index.xyz[: level.n])
         for chunk in np.array_split(pairs, math.ceil(len(pairs) / at_once)):
             yield from pair_hypotheses(
-                view, chunk, level, self.index.xyz, stage.sigma_px, slack, 2 * config.hypotheses_at_once, allowed
+                view, chunk, level, self.index.axes, stage.sigma_px, slack, 2 * config.hypotheses_at_once, allowed
             )
 
     def _from_single_stars(
@@ -300,8 +299,10 @@ class _Search:
         for start in range(0, len(fresh), at_once):
             rays = view.rays[fresh[start : start + at_once]].astype(np.float64)
             lat, lon, _ = single_star_hypotheses(rays @ local, stars)
-            camera_from_sky = local @ enu_rotations(lat, lon) @ to_terrestrial
-            yield np.ascontiguousarray(np.swapaxes(camera_from_sky, 1, 2), dtype=np.float32), 0
+            # Two products of long matrices take a sixth of the time of products of many small ones.
+            enu_from_sky = (enu_rotations(lat, lon).reshape(-1, 3) @ to_terrestrial).reshape(-1, 3, 3)
+            sky_from_camera = np.swapaxes(enu_from_sky, 1, 2).reshape(-1, 3) @ local.T
+            yield sky_from_camera.astype(np.float32).reshape(-1, 3, 3), 0
 
     def _first_look(self) -> int:
         return self.config.first_look if self.question.local is None else self.config.first_look_singles
@@ -319,19 +320,6 @@ class _Search:
     def _expected(self, order: _Order, verified: NDArray[np.intp]) -> int | None:
         """Return among how many stars of the sky the brightest detections are expected; None without an order."""
         return int(self.config.verified_depth * len(verified) * self.per_field) if order.ranked else None
-
-    def _finest_rad(self, order: _Order, number: int) -> float:
-        """Return the smallest pixel scale at the first `number` detections of an order, which verify a hypothesis."""
-        key = order, number
-        if key not in self._finest:
-            uv = self.question.uv[order.rows[:number]]
-            self._finest[key] = float(self.question.camera.radians_per_px(uv).min())
-        return self._finest[key]
-
-    @cached_property
-    def _finest(self) -> dict[tuple[_Order, int], float]:
-        """Cache of `_finest_rad`, which takes as long as a verification if the lens has distortion."""
-        return {}
 
     def _verification_work(self, order: _Order, view: View) -> int:
         verified, n_stars = self._verification(order, view)
@@ -372,7 +360,7 @@ class _Search:
         region = question.region if question.near is None else question.near.region
         sparse = question.sparse(verified, self.index.v_mag[:n_stars])
         promising = polished[after >= min(least + self.made_of, half)]
-        finest_rad = self._finest_rad(order, len(verified)) if len(promising) else 0.0
+        finest_rad = float(question.radians_per_px(verified).min()) if len(promising) else 0.0
         for rotation in promising:
             effort.work += self._verification_work(order, view)
             found = verify(

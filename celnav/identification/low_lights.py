@@ -6,19 +6,18 @@ If detections are denser below 20 deg of altitude than above, the higher ones ar
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.camera import Camera
+from celnav.identification.frame_grid import frame_grid
 
 F8 = NDArray[np.float64]
 
 LOW_DEG = 20.0
 # Least number of detections above and below; least ratio of the densities below and above; significance of the excess.
 _FEWEST, _DENSER, _SIGMAS = 4, 2.0, 3.0
-_GRID = 48
 
 
 def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp] | None:
@@ -40,23 +39,13 @@ def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp]
     n_low = len(rays) - len(high)
     if len(high) < _FEWEST or n_low < _FEWEST:
         return None
-    places, weight = _over_the_frame(camera)
-    above = places @ up >= limit
-    area_high = float(weight[above].sum())
-    area_low = float(weight[~above].sum())
+    grid = frame_grid(camera)
+    above = grid.rays @ up >= limit
+    area_high = float(grid.solid_angles_sr[above].sum())
+    area_low = float(grid.solid_angles_sr[~above].sum())
     if not area_high > 0 or not area_low > 0:
         return None
     # Compare with the number expected from the density above, allowing for the Poisson scatter of both counts.
     expected = _DENSER * len(high) * area_low / area_high
     crowded = n_low - expected > _SIGMAS * math.sqrt(n_low + expected * expected / len(high))
     return high if crowded else None
-
-
-@lru_cache(maxsize=8)
-def _over_the_frame(camera: Camera) -> tuple[F8, F8]:
-    """Return directions all over the frame, shape (n, 3), and the solid angle of a pixel at each, shape (n,)."""
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID))
-    places = np.column_stack((u.ravel(), v.ravel()))
-    seen = camera.to_rays(places)
-    known = np.isfinite(seen[:, 0])
-    return seen[known], camera.radians_per_px(places[known]) ** 2

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.camera import Camera
 from celnav.horizon import horizontal_frame
+from celnav.identification.frame_grid import frame_grid
 from celnav.identification.neighbourhood import neighbourhood, open_region
 from celnav.identification.question import Question
 from celnav.matching.protocol import Observation
@@ -106,12 +106,23 @@ def prepare(problem: Problem, to_terrestrial: F8, max_detections: int, single_st
             near = neighbourhood(problem.near, attitude, to_terrestrial, heading_known=local is not None)
     area = float(camera.width * camera.height)
     if camera.model not in ("pinhole", "brown_conrady"):
-        area *= _seen_part(camera)
+        area *= frame_grid(camera).seen_part
     relative = None if seen.sigma_px is None else seen.sigma_px[rows]
     mag = None if seen.flux is None else _magnitudes(seen.flux[rows])
     region = open_region(attitude, heading_known=local is not None)
     question = Question(
-        camera, uv, rays, mag is not None, camera.solid_angle_sr, area, local, to_terrestrial, up, near, region, mag
+        camera,
+        uv,
+        rays,
+        mag is not None,
+        frame_grid(camera).solid_angle_sr,
+        area,
+        local,
+        to_terrestrial,
+        up,
+        near,
+        region,
+        mag,
     )
     return Prepared(rows, uv, rays, relative, question, whitening(seen, rows))
 
@@ -129,12 +140,6 @@ def whitening(seen: Observation, rows: NDArray[np.intp]) -> F8 | None:
     along = np.sqrt(np.maximum(2 * sigma**2 - across**2, across**2))
     beside = np.column_stack((-unit[:, 1], unit[:, 0]))
     return np.asarray(np.median(sigma) * np.stack((unit / along[:, None], beside / across[:, None]), axis=1))
-
-
-def _seen_part(camera: Camera) -> float:
-    """Return the fraction of the frame's pixels inside the image circle."""
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 32), np.linspace(0, camera.height - 1, 32))
-    return max(float(np.isfinite(camera.to_rays(np.column_stack((u.ravel(), v.ravel())))[:, 0]).mean()), 1e-3)
 
 
 def _magnitudes(flux: F8) -> F8:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from celnav.identification.neighbourhood import Neighbourhood
 from celnav.identification.sky_index import F4, F8
 from celnav.identification.sparse import MOST_DETECTIONS, Sparse, ToldOrientation
 from celnav.identification.verification import SEARCHES, WHOLE_SKY, Region
+
+# Plate scales are kept for this many detections; a search rarely looks at fainter ones.
+_MOST_SCALES = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,18 @@ class Question:
     region: Region = WHOLE_SKY
     mag: F8 | None = None
     searches: int = SEARCHES
+
+    def radians_per_px(self, rows: NDArray[np.intp]) -> F8:
+        """Plate scale (`Camera.radians_per_px`) at the detections `rows`, shape (n,)."""
+        scales = self._scales
+        if len(rows) and rows.max() >= len(scales):
+            return self.camera.radians_per_px(self.uv[rows])
+        return scales[rows]
+
+    @cached_property
+    def _scales(self) -> F8:
+        """Plate scales at the first detections, which take as long as a verification if the lens has distortion."""
+        return self.camera.radians_per_px(self.uv[:_MOST_SCALES])
 
     def sparse(self, rows: NDArray[np.intp], v_mag: F4) -> Sparse | None:
         """Return the test for few stars of magnitudes `v_mag` and detections `rows`; None if many, or without fluxes."""

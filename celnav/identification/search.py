@@ -68,32 +68,33 @@ def _all_pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def triads(a: F4, b: F4) -> F4:
-    """Return orthonormal frames (n, 3, 3) of pairs of unit vectors, with columns middle, normal and third."""
-    frames = np.empty((len(a), 3, 3), dtype=a.dtype)
-    middle, normal = a + b, _cross(a, b)
-    for k, axis in enumerate((middle, normal)):
-        axis /= np.sqrt(np.einsum("ni,ni->n", axis, axis))[:, None]
-        frames[:, :, k] = axis
-    frames[:, :, 2] = _cross(middle, normal)
+    """Return orthonormal frames of pairs of unit vectors, shapes (3, n).
+
+    Shape (3, 3, n): the axes (middle, normal and third), and the components of each. With the pairs last, every step passes
+    over them in memory order, which takes a third of the time of matrix products.
+    """
+    frames = np.empty((3, *a.shape), dtype=a.dtype)
+    np.add(a, b, out=frames[0])
+    _cross(a, b, out=frames[1])
+    for axis in frames[:2]:
+        axis /= np.sqrt(np.einsum("in,in->n", axis, axis))
+    _cross(frames[0], frames[1], out=frames[2])
     return frames
 
 
-def _cross(a: F4, b: F4) -> F4:
-    """Return the cross products of rows; `np.cross` takes ten times as long for a few hundred."""
-    x, y, z = a.T
-    p, q, r = b.T
-    product = np.empty_like(a)
-    product[:, 0] = y * r - z * q
-    product[:, 1] = z * p - x * r
-    product[:, 2] = x * q - y * p
-    return product
+def _cross(a: F4, b: F4, out: F4) -> None:
+    """Write the cross products of vectors, shapes (3, n)."""
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        np.multiply(a[i], b[j], out=out[k])
+        out[k] -= a[j] * b[i]
 
 
 def pair_hypotheses(
     view: View,
     pairs: Pairs,
     level: Level,
-    xyz: F4,
+    axes: tuple[F4, F4, F4],
     sigma_px: float,
     slack: tuple[float, float],
     at_once: int,
@@ -111,8 +112,8 @@ def pair_hypotheses(
         Pairs of detections.
     level : Level
         Stars.
-    xyz : ndarray, shape (n, 3)
-        Unit vectors of the stars.
+    axes : tuple of three ndarrays, shape (n,)
+        Components of the stars' unit vectors.
     sigma_px : float
         Standard deviation of a centroid along each axis; separations may differ by 3.5 times their own.
     slack : tuple of float
@@ -130,7 +131,7 @@ def pair_hypotheses(
     low = np.searchsorted(level.separation_rad, (separation - tolerance).astype(np.float32))
     end = np.cumsum(np.searchsorted(level.separation_rad, (separation + tolerance).astype(np.float32)) - low)
     start = np.concatenate(([0], end[:-1]))
-    seen = np.swapaxes(triads(a, b), 1, 2)
+    seen = triads(np.ascontiguousarray(a.T), np.ascontiguousarray(b.T))
     total = int(end[-1]) if len(end) else 0
     # Each matching pair of stars gives two rotations, since the pair may be either way round.
     parts = math.ceil(2 * total / at_once)
@@ -148,12 +149,35 @@ def pair_hypotheses(
                 np.concatenate((first[forth], second[back])),
                 np.concatenate((second[forth], first[back])),
             )
-            yield triads(xyz[first], xyz[second]) @ seen[of_pair], 2 * len(rows) - len(first)
+            oriented = turns(_stars(axes, first), _stars(axes, second), seen.take(of_pair, axis=2))
+            yield oriented, 2 * len(rows) - len(first)
             continue
-        frames = triads(xyz[first], xyz[second])
-        forward = frames @ seen[of_pair]
-        frames[:, :, 1:] *= -1
-        yield np.concatenate((forward, frames @ seen[of_pair])), 0
+        middle, beside = _shares(_stars(axes, first), _stars(axes, second), seen.take(of_pair, axis=2))
+        yield _matrices(np.concatenate((middle + beside, middle - beside), axis=2)), 0
+
+
+def turns(a: F4, b: F4, seen: F4) -> F4:
+    """Return rotations, shape (n, 3, 3), that map frames `seen`, shape (3, 3, n), onto those of pairs, shapes (3, n)."""
+    middle, beside = _shares(a, b, seen)
+    return _matrices(middle + beside)
+
+
+def _shares(a: F4, b: F4, seen: F4) -> tuple[F4, F4]:
+    """Return two terms, shapes (3, 3, n), whose sum is what `turns` returns, and whose difference is that for (b, a)."""
+    of_sky = triads(a, b)
+    beside = of_sky[1, :, None] * seen[1, None]
+    beside += of_sky[2, :, None] * seen[2, None]
+    return of_sky[0, :, None] * seen[0, None], beside
+
+
+def _stars(axes: tuple[F4, F4, F4], rows: NDArray[np.integer]) -> F4:
+    """Return unit vectors of stars, shape (3, n)."""
+    return np.stack([axis.take(rows) for axis in axes])
+
+
+def _matrices(planes: F4) -> F4:
+    """Put the indices of matrices, shape (3, 3, n), last."""
+    return np.ascontiguousarray(planes.transpose(2, 0, 1))
 
 
 def single_star_hypotheses(dirs_enu: F8, stars_itrs: F8) -> tuple[F8, F8, NDArray[np.intp]]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from celnav.camera import Camera
 from celnav.identification.effort import BATCH_WORK, HYPOTHESIS_WORK, VERIFICATION_WORK, Effort
-from celnav.identification.search import triads
+from celnav.identification.search import triads, turns
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import F4, F8, Level, SkyIndex, load_deep_sky_index, octahedral_cell
 from celnav.identification.verification import Alignment, Region, verify
@@ -237,9 +237,8 @@ def _orientations(seen: F8, corners: Rows, stars: F4, f_px: F8) -> F4:
     # The longest side is between the second and the third corner.
     rays = np.concatenate((seen[corners[:, 1:]], np.broadcast_to(f_px[:, None, None], (len(f_px), 2, 1))), axis=2)
     rays = (rays / np.linalg.norm(rays, axis=2, keepdims=True)).astype(np.float32)
-    of_sky = triads(np.ascontiguousarray(stars[:, 1]), np.ascontiguousarray(stars[:, 2]))
-    of_camera = triads(np.ascontiguousarray(rays[:, 0]), np.ascontiguousarray(rays[:, 1]))
-    return np.asarray(of_sky @ np.swapaxes(of_camera, 1, 2), dtype=np.float32)
+    a, b = (np.ascontiguousarray(stars[:, k].T) for k in (1, 2))
+    return turns(a, b, triads(*(np.ascontiguousarray(rays[:, k].T) for k in (0, 1))))
 
 
 def _scores(to_sky: F4, seen: F8, f_px: F8, level: Level, index: SkyIndex) -> F4:

@@ -13,7 +13,7 @@ along a line that is inclined by some degrees, the ends of a long streak are los
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +33,10 @@ F8 = NDArray[np.float64]
 _LONG, _FEWEST = 9.0, 4
 # Range of profiles beyond the shape's ends, and of shifts from the found position: a fraction of the length, and pixels.
 _BEYOND, _BEYOND_PX = 0.35, 2.0
-_LENGTHS = np.arange(0.7, 1.451, 0.025)
-# Steps of profiles and of shifts, px.
+# Lengths that are tried, over the length of the shape, as multiples of twice the first value; the length itself is one.
+_HALF_STEP, _HALVES, _UNCHANGED = 0.0125, np.arange(28, 59), 40
+_LENGTHS = 2 * _HALF_STEP * _HALVES
+# Step of profiles, and largest step of shifts, px.
 _STEP_PX, _SHIFT_PX = 0.5, 0.2
 # Largest weight of a single streak in the fit of the length: half its squared significance. Number of streaks used for it.
 _MOST, _TELLING = 200.0, 256
@@ -81,6 +83,54 @@ class _Profiles(NamedTuple):
     scale: F8
 
 
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """A table of soft ends, from which lines of all lengths at all shifts follow as differences.
+
+    Positions are in units of the lengths.
+
+    Attributes
+    ----------
+    step : float
+        Step of shifts, which divides all half-lengths.
+    steps : int
+        Number of steps in a `_HALF_STEP`.
+    at : ndarray, shape (t,)
+        Positions along profiles.
+    shifts : ndarray, shape (s,)
+        Shifts of the midpoint.
+    beyond : ndarray, shape (t, e)
+        Light at the positions of a line that starts at an end and continues; the ends are at multiples of `step`.
+    """
+
+    step: float
+    steps: int
+    at: F8
+    shifts: F8
+    beyond: F8
+
+    @classmethod
+    def of(cls, length_px: float, edge: float) -> _Ends:
+        """Make the table for streaks of a length whose ends are soft with a standard deviation of `edge` lengths."""
+        from scipy.special import ndtr
+
+        steps = int(np.ceil(_HALF_STEP * length_px / _SHIFT_PX))
+        step = _HALF_STEP / steps
+        half = 0.5 * _LENGTHS[-1] + _BEYOND + 2 * _BEYOND_PX / length_px
+        at = np.arange(-half, half, _STEP_PX / length_px)
+        most = int((_BEYOND + _BEYOND_PX / length_px) / step)
+        far = most + steps * int(_HALVES[-1])
+        beyond = np.asarray(ndtr((at[:, None] - step * np.arange(-far, far + 1)) / edge), dtype=np.float64)
+        shifts = step * np.arange(-most, most + 1.0)
+        return cls(step, steps, at, shifts, beyond)
+
+    def lines(self, table: F8, half: int) -> F8:
+        """Return lines from a table by ends, shape (m, e), for half-lengths in `_HALF_STEP`s; by shifts, shape (m, s)."""
+        first, number = self.steps * (int(_HALVES[-1]) - half), len(self.shifts)
+        last = first + 2 * self.steps * half
+        return np.asarray(table[:, first : first + number] - table[:, last : last + number])
+
+
 def by_ends(
     light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_per_unit: float
 ) -> tuple[Measured, Streaks | None]:
@@ -120,22 +170,16 @@ def by_ends(
     for inner in _LEANING:
         _, slope, uncertain = lean(light, found, along, length, width, pixel, inner, FINDING)
         along = _turned(along, smooth(found, extent, slope, uncertain, found))
-    typical = float(np.median(length))
-    reach = _BEYOND + _BEYOND_PX / typical
-    shifts = np.arange(-reach, reach, _SHIFT_PX / typical)
-    half = 0.5 * _LENGTHS[-1] + _BEYOND + 2 * _BEYOND_PX / typical
-    along_at = np.arange(-half, half, _STEP_PX / typical)
-    edge = float(np.median(width / length))
+    ends = _Ends.of(float(np.median(length)), float(np.median(width / length)))
     telling = np.linspace(0, len(long) - 1, min(len(long), _TELLING)).astype(np.intp)
-    profiles = _profiles(light, found[telling], along[telling], length[telling], width[telling], along_at)
-    best = np.array([_fit(profiles, factor, edge, shifts, pixel[telling])[0].max(axis=1) for factor in _LENGTHS])
-    factor, own, uncertain = _lengths(best)
+    profiles = _profiles(light, found[telling], along[telling], length[telling], width[telling], ends.at)
+    factor, own, uncertain = _lengths(_likelihoods(profiles, ends, pixel[telling]))
     length = length * factor * (1 + smooth(found[telling], extent, own / factor - 1, uncertain / factor, found))
-    placed = []
+    lines, placed = ends.lines(ends.beyond, _UNCHANGED), []
     for start in range(0, len(long), _AT_ONCE):
         part = slice(start, start + _AT_ONCE)
-        profiles = _profiles(light, found[part], along[part], length[part], width[part], along_at)
-        placed.append(_placed(*_fit(profiles, 1.0, edge, shifts, pixel[part]), shifts))
+        profiles = _profiles(light, found[part], along[part], length[part], width[part], ends.at)
+        placed.append(_placed(*_fit(profiles, lines, profiles.light @ lines, pixel[part]), ends.shifts))
     shift, spread, ridge, significance = np.concatenate(placed, axis=1)
     spread *= length
     # Across a streak, all of its light determines the position: the error is its width over the signal-to-noise ratio from
@@ -143,7 +187,7 @@ def by_ends(
     electrons = np.sqrt(2 * np.pi) * width * ridge * length * gain_e_per_unit
     across = np.hypot(width * np.sqrt(1 / np.maximum(significance, 1) ** 2 + 1 / electrons), CENTROID_FLOOR_PX)
     # At the ends, photon noise of half of the ridge's light contributes too.
-    spread = np.sqrt(spread**2 + 1 / (2 * ridge * gain_e_per_unit) + _SHIFT_PX**2 / 12)
+    spread = np.sqrt(spread**2 + 1 / (2 * ridge * gain_e_per_unit) + (ends.step * length) ** 2 / 12)
     moved = found + (shift * length)[:, None] * along
     offset, _, _ = lean(light, moved, along, length, width, pixel, _PLACING, PLACING)
     moved[:, 0] -= offset * along[:, 1]
@@ -207,10 +251,25 @@ def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8, at: F8) -> _P
     return _Profiles(at, summed, inside.astype(np.float64), 1 / np.sqrt(across * step))
 
 
-def _fit(profiles: _Profiles, factor: float, edge: float, shifts: F8, noise: F8) -> tuple[F8, F8]:
+def _likelihoods(profiles: _Profiles, ends: _Ends, noise: F8) -> F8:
+    """Return for each of the `_LENGTHS` the largest log-likelihood over all shifts of each profile, shape (lengths, n)."""
+    table = profiles.light @ ends.beyond
+    fits = (_fit(profiles, ends.lines(ends.beyond, half), ends.lines(table, half), noise) for half in _HALVES.tolist())
+    return np.array([likelihood.max(axis=1) for likelihood, _ in fits])
+
+
+def _fit(profiles: _Profiles, lines: F8, product: F8, noise: F8) -> tuple[F8, F8]:
     """Fit a line and a level to each profile at all shifts.
 
-    The length of the line is `factor` times that of the shape, and `edge` is the softness of its ends.
+    Parameters
+    ----------
+    profiles : _Profiles
+    lines : ndarray, shape (t, s)
+        Lines of one length at all shifts.
+    product : ndarray, shape (n, s)
+        The profiles' light times the lines, summed along them.
+    noise : ndarray, shape (n,)
+        Standard deviation of a pixel.
 
     Returns
     -------
@@ -219,13 +278,14 @@ def _fit(profiles: _Profiles, factor: float, edge: float, shifts: F8, noise: F8)
     ridge : ndarray, shape (n, s)
         Height of the fitted line.
     """
-    from scipy.special import erf
-
-    apart = (profiles.at - shifts[:, None]) / (np.sqrt(2) * edge)
-    end = factor / 2 / (np.sqrt(2) * edge)
-    lines = (erf(apart + end) - erf(apart - end)) / 2
-    number = np.maximum(profiles.inside.sum(axis=1, keepdims=True), 1)
-    mean = profiles.inside @ lines.T / number
-    power = np.maximum(profiles.inside @ (lines**2).T - number * mean**2, 1e-6)
-    product = np.maximum(profiles.light @ lines.T - profiles.light.sum(axis=1, keepdims=True) * mean, 0.0)
-    return product**2 / (2 * power * (profiles.scale * noise)[:, None] ** 2), product / power
+    # All profiles that are wholly inside the image have the same sums of the lines.
+    cut = np.flatnonzero(~profiles.inside.all(axis=1))
+    inside = np.concatenate((np.ones((1, len(lines))), profiles.inside[cut]))
+    own = np.zeros(len(product), dtype=np.intp)
+    own[cut] = np.arange(1, len(inside))
+    number = np.maximum(inside.sum(axis=1, keepdims=True), 1)
+    mean = inside @ lines / number
+    power = np.maximum(inside @ lines**2 - number * mean**2, 1e-6)
+    product = np.maximum(product - profiles.light.sum(axis=1, keepdims=True) * mean[own], 0.0)
+    ridge = product / power[own]
+    return product * ridge / (2 * (profiles.scale * noise)[:, None] ** 2), ridge

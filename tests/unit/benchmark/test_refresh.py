@@ -15,12 +15,14 @@ from unit.benchmark.test_tasks import PROGRAM, TINY, TINY_SCENARIO
 
 from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
+from benchmark.report import refresh
 from benchmark.report.marks import find_marks, source_digest
-from benchmark.report.refresh import BoardsRequest, plan_boards
-from benchmark.report.refresh_plan import Job, Place, Standing, make_plan
+from benchmark.report.refresh import BoardsRequest, compared_frames, plan_boards
+from benchmark.report.refresh_plan import Job, Place, Plan, Standing, make_plan
 from benchmark.report.site.boards import make_board
 from benchmark.report.site.columns import CALIBRATION, HEADLINE, MORE
 from benchmark.report.site.tree import read_tree
+from benchmark.run.contestants import contestant_of
 from benchmark.run.freshness import Age, State
 from benchmark.run.packing import pack_tree
 from benchmark.run.superseded import outdated, remove_outdated, superseded
@@ -34,7 +36,7 @@ UNRECORDED = Age(State.UNRECORDED, None)
 def test_a_plan_has_what_is_missing_older_unrecorded_or_too_small() -> None:
     standing = {
         Place("one@1", "own", "fresh"): Standing(TODAY, 20, 0.5),
-        Place("one@1", "own", "older"): Standing(OLDER, 20, 0.2),
+        Place("one@1", "own", "older"): Standing(OLDER, 20, 0.2, "b" * 12),
         Place("one@1", "own", "unrecorded"): Standing(UNRECORDED, 20, 0.1),
         Place("one@1", "own", "few"): Standing(TODAY, 10, 0.1),
         Place("one@1", "shared", "older"): Standing(OLDER, 20, 0.3),
@@ -44,7 +46,7 @@ def test_a_plan_has_what_is_missing_older_unrecorded_or_too_small() -> None:
     }
     plan = make_plan(standing, {"one@1": 20}, ["fresh", "older", "unrecorded", "few", "absent"], ["own"])
     assert plan.jobs == (
-        Job(Place("one@1", "own", "older"), f"revision {'b' * 12}; today's is {'a' * 12}", 20, 4.0),
+        Job(Place("one@1", "own", "older"), f"revision {'b' * 12}; today's is {'a' * 12}", 20, 4.0, revision="b" * 12),
         Job(Place("one@1", "own", "unrecorded"), "revision not recorded", 20, 2.0),
         Job(Place("one@1", "own", "few"), "has 10 frames", 20, 2.0),
         Job(Place("one@1", "own", "absent"), "missing", 20, None),
@@ -86,6 +88,18 @@ def test_rows_that_are_missing_are_left_out_where_only_those_that_are_there_are_
     assert len(plan_boards(request).jobs) == 2
     (job,) = plan_boards(dataclasses.replace(request, existing=True)).jobs
     assert (job.place.solver, job.why == "missing") == ("skybench", False)
+
+
+def test_frames_are_compared_only_for_rows_of_the_solvers_revision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refresh, "at_hand", lambda task, choice: True)
+    request = BoardsRequest(("bortle", "city"), ("skybench",), tmp_path, tmp_path, 1, 1)
+    today = contestant_of("skybench").facts("", "own").revision
+    held = (("bortle", today, 30), ("city", "b" * 12, 20))
+    places = [(Place(load_task(name).label, "own", "skybench"), *row) for name, *row in held]
+    jobs = tuple(Job(place, "has few frames", n, None, revision=revision) for place, revision, n in places)
+    assert compared_frames(Plan(jobs, ()), request) == 30
 
 
 @pytest.fixture(scope="module")

@@ -55,6 +55,43 @@ def test_the_filter_in_blocks_is_that_of_the_whole_image(monkeypatch, sigma_px, 
     assert found.noise_factor[0, 0] == pytest.approx(np.sqrt((kernel**2).sum() - 1 / side**2) / gain, rel=1e-5)
 
 
+@pytest.mark.parametrize("covariance", [(30.0, 22.0, 20.0), (1.4, 0.0, 9.0)])
+@pytest.mark.parametrize("zone", [17, 450])
+def test_the_filter_in_zones_is_that_of_the_whole_image(monkeypatch, covariance, zone):
+    monkeypatch.setattr(filtering, "_ALIKE_PX", zone)
+    light = np.random.default_rng(6).normal(0, 30, (60, 85)).astype(np.float32)
+    found = filtering.matched_filter(light, StarShape.constant(*covariance, light.shape))
+    expected, factor = filtered_whole(light, covariance)
+    np.testing.assert_allclose(found.amplitude, expected, atol=3e-4)
+    np.testing.assert_allclose(found.noise_factor, factor, rtol=1e-5)
+
+
+def test_each_zone_has_the_filter_for_the_shape_at_its_middle(monkeypatch):
+    monkeypatch.setattr(filtering, "_ZONE_PX", 40)
+    light = np.random.default_rng(7).normal(0, 30, (80, 120)).astype(np.float32)
+    shape = StarShape(np.vstack(([12.0, 4.0, 8.0], [5.0, 0.0, 1.0], np.zeros((4, 3)))), light.shape)
+    found = filtering.matched_filter(light, shape)
+    for left in (0, 40, 80):
+        part = np.s_[40:80, left : left + 40]
+        expected, factor = filtered_whole(light, shape.at(np.array([[left + 19.5, 59.5]]))[0])
+        np.testing.assert_allclose(found.amplitude[part], expected[part], atol=3e-4)
+        np.testing.assert_allclose(found.noise_factor[part], factor, rtol=1e-5)
+
+
+def filtered_whole(light, covariance):
+    """An elongated Gaussian less its mean over a square, by SciPy, scaled so that a star of unit peak gives one."""
+    reach_u, reach_v = (int(np.ceil(3 * np.sqrt(covariance[k]))) for k in (0, 2))
+    dv, du = np.mgrid[-reach_v : reach_v + 1, -reach_u : reach_u + 1]
+    p, q, r = inverse(np.array([covariance]))[0]
+    star = np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv))
+    side = 2 * int(np.ceil(2.4 * max(reach_u, reach_v))) + 1
+    kernel = star / star.sum()
+    summed = ndimage.correlate(light.astype(float), kernel, mode="nearest")
+    summed -= ndimage.uniform_filter(light.astype(float), side, mode="nearest")
+    gain = (kernel * star).sum() - star.sum() / side**2
+    return summed / gain, np.sqrt((kernel**2).sum() - 1 / side**2) / gain
+
+
 @pytest.mark.parametrize("size", [(20, 300), (97, 131), (640, 64)])
 @pytest.mark.parametrize("extrapolated", [False, True])
 def test_a_map_is_the_same_by_strips_pixels_and_meshes(size, extrapolated):
