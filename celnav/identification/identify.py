@@ -299,7 +299,7 @@ class _Search:
         for start in range(0, len(fresh), at_once):
             rays = view.rays[fresh[start : start + at_once]].astype(np.float64)
             lat, lon, _ = single_star_hypotheses(rays @ local, stars)
-            # Two products of long matrices take a sixth of the time of products of many small ones.
+            # Two products of long matrices take half of the time of products of many small ones.
             enu_from_sky = (enu_rotations(lat, lon).reshape(-1, 3) @ to_terrestrial).reshape(-1, 3, 3)
             sky_from_camera = np.swapaxes(enu_from_sky, 1, 2).reshape(-1, 3) @ local.T
             yield sky_from_camera.astype(np.float32).reshape(-1, 3, 3), 0
