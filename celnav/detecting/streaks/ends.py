@@ -33,7 +33,7 @@ F8 = NDArray[np.float64]
 _LONG, _FEWEST = 9.0, 4
 # Range of profiles beyond the shape's ends, and of shifts from the found position: a fraction of the length, and pixels.
 _BEYOND, _BEYOND_PX = 0.35, 2.0
-# Lengths that are tried, over the length of the shape, as multiples of twice the first value; the length itself is one.
+# Half-lengths that are tried, in steps of a fraction of the shape's length; 40 steps are half of that length itself.
 _HALF_STEP, _HALVES, _UNCHANGED = 0.0125, np.arange(28, 59), 40
 _LENGTHS = 2 * _HALF_STEP * _HALVES
 # Step of profiles, and largest step of shifts, px.
