@@ -136,6 +136,8 @@ def star_rows(
         **_pair("light_", np.where(own[:, None], light.uv, np.nan)),
         **_pair("start_", start),
         **_pair("end_", end),
+        **_pair("low_", np.minimum(np.minimum(start, end), uv)),
+        **_pair("high_", np.maximum(np.maximum(start, end), uv)),
         "electrons_e": np.where(own, np.maximum(light.flux, 0.0) * (gain_e_per_dn or np.nan), np.nan),
         "fraction_in_frame": np.ones(len(rows)),
         "snr": np.where(own, light.snr, np.nan),

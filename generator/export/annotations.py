@@ -95,11 +95,15 @@ def annotate(frame: Frame, least_snr: float) -> Annotations:
 def outlines(found: Annotations, width: int, height: int) -> list[Floats]:
     """Outline of each source, a (k, 2) polygon, px from the image's corner.
 
-    A streak longer than wide becomes a rectangle along it, anything else an octagon in its box.
+    A straight streak longer than wide becomes a rectangle along it, anything else an octagon in its box.
     """
     way = found.end - found.start
     length = np.hypot(way[:, 0], way[:, 1])
-    streak = length > 2 * found.half_width
+    # The light of a camera that swings leaves the line between its first and last place.
+    margin = 2 * found.half_width[:, None]
+    astray = (found.box[:, :2] < np.minimum(found.start, found.end) - margin).any(axis=1)
+    astray |= (found.box[:, 2:] > np.maximum(found.start, found.end) + margin).any(axis=1)
+    streak = (length > 2 * found.half_width) & ~astray
     along = np.divide(way, length[:, None], out=np.zeros_like(way), where=length[:, None] > 0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1) * found.half_width[:, None]
     before, after = (
@@ -149,21 +153,33 @@ def _stars(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
     centre, start, end = (stars[[f"{name}_u_px", f"{name}_v_px"]].to_numpy() for name in ("centroid", "start", "end"))
     offset = _light_offset(stars)
     centre, start, end = (place + offset for place in (centre, start, end))
-    everywhere = np.stack([centre, start, end])
+    low, high = _reach(stars, np.stack([centre, start, end]), offset)
     kinds = {kind: number for number, kind in enumerate(CATEGORIES)}
     return {
         "category": stars["kind"].map(kinds).to_numpy(np.int64),
         "centre": centre,
         "start": start,
         "end": end,
-        "low": everywhere.min(axis=0),
-        "high": everywhere.max(axis=0),
+        "low": low,
+        "high": high,
         "snr": stars["snr"].to_numpy(np.float64),
         "v_mag": stars["v_mag"].to_numpy(np.float64),
         "star_id": stars["star_id"].to_numpy(np.int64),
         "electrons_e": stars["electrons_e"].to_numpy(np.float64),
         "saturated": stars["saturated"].to_numpy(np.bool_),
     }
+
+
+def _reach(table: pd.DataFrame, places: Floats, offset: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest u and v of the light, px, (n, 2) arrays.
+
+    They are stated in the table, for the geometric places; tables of before have only `places`, (k, n, 2), of the light.
+    """
+    low, high = places.min(axis=0), places.max(axis=0)
+    if "low_u_px" not in table:
+        return low, high
+    stated = (table[[f"{name}_u_px", f"{name}_v_px"]].to_numpy(np.float64) + offset for name in ("low", "high"))
+    return np.fmin(low, next(stated)), np.fmax(high, next(stated))
 
 
 def _light_offset(table: pd.DataFrame) -> Floats:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from generator import __version__
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame
+from generator.frame.star_truth import LitMoments
 from generator.identity.revision import GENERATOR_REVISION, generator_revision
 from generator.mitsuba_runtime import choose_variant
 from generator.optics.motion import Motion
@@ -31,6 +32,8 @@ from generator.sensor.detector import matched_filter_snr, saturation_e
 LARGEST_8_BIT = 255
 VISIBLE_SNR = 5.0
 """Any detector finds a star with this signal-to-noise ratio."""
+LEAST_LIGHT_E = 5.0
+"""Electrons on the sensor from which a star is listed whose place at mid-exposure is far outside the frame."""
 
 STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -56,6 +59,10 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("start_v_px", pa.float64(), "px"),
     ("end_u_px", pa.float64(), "px"),
     ("end_v_px", pa.float64(), "px"),
+    ("low_u_px", pa.float32(), "px"),
+    ("low_v_px", pa.float32(), "px"),
+    ("high_u_px", pa.float32(), "px"),
+    ("high_v_px", pa.float32(), "px"),
     ("electrons_e", pa.float32(), "e"),
     ("fraction_in_frame", pa.float32(), "1"),
     ("snr", pa.float32(), "1"),
@@ -66,6 +73,8 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("cloud_transmission", pa.float32(), "1"),
     ("scintillation", pa.float32(), "1"),
 )
+LATER_STAR_COLUMNS = frozenset({"low_u_px", "low_v_px", "high_u_px", "high_v_px"})
+"""Columns that tables of before lack."""
 STAR_SCHEMA = pa.schema(
     [pa.field(name, kind, nullable=False, metadata={"unit": unit}) for name, kind, unit in STAR_COLUMNS],
     metadata={"format": "skybench-stars/1"},
@@ -273,6 +282,9 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
             & (expected.v_px > -0.5 - reach)
             & (expected.v_px < camera.height - 0.5 + reach)
         )
+    # A star that trails, or whose wings are wide, may send light into the frame from outside.
+    arriving_e = expected.star_electrons * expected.fraction_in_frame
+    seen |= (arriving_e >= LEAST_LIGHT_E) & np.isfinite(expected.u_px)
     star_id = plan.stars.star_id
     rows = np.flatnonzero(seen)
     # The catalogue is sorted by magnitude already, which speeds up a stable sort.
@@ -286,13 +298,15 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     electrons = expected.star_electrons[rows]
     # If a star sends no light at one of these moments (because it is occluded, or outside the lens' range), its
     # mid-exposure position is used.
-    centroid, light, start, end = (
+    centroid, light, start, end, low, high = (
         [
             np.where(np.isfinite(place), place, middle)
             for place, middle in zip(places.T[:, rows], (u_px, v_px), strict=True)
         ]
-        for places in (expected.centroid_px, expected.light_px, expected.start_px, expected.end_px)
-    )
+        for places in (
+            expected.centroid_px, expected.light_px, expected.start_px, expected.end_px, expected.low_px, expected.high_px
+        )
+    )  # fmt: skip
     saturating_e = saturation_e(sensor, spec.time.exposure_s) - sensor.mean_dark_e_s * spec.time.exposure_s
     places = plan.middle[rows]
     columns = {
@@ -319,10 +333,14 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "start_v_px": start[1],
         "end_u_px": end[0],
         "end_v_px": end[1],
+        "low_u_px": low[0],
+        "low_v_px": low[1],
+        "high_u_px": high[0],
+        "high_v_px": high[1],
         "electrons_e": electrons,
         "fraction_in_frame": expected.fraction_in_frame[rows],
         "snr": matched_filter_snr(camera.direct_share * electrons, sky, sigma, spec.time.exposure_s, sensor),
-        "saturated": _around(expected.electrons >= saturating_e).take(pixel),
+        "saturated": _touching(expected.electrons >= saturating_e, expected.lit, len(star_id))[rows],
         "occluded": expected.occluded[rows],
         "hidden_fraction": expected.hidden_fraction[rows],
         "cloud_optical_depth": plan.cloud_optical_depth[rows],
@@ -344,6 +362,19 @@ def _brightness_order(v_mag: NDArray[np.float64], star_id: NDArray[np.int32]) ->
     # For negative numbers, the bits rise as the number falls.
     magnitude = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)
     return (magnitude << 32) + star_id
+
+
+def _touching(full: NDArray[np.bool_], lit: LitMoments, count: int) -> NDArray[np.bool_]:
+    """Whether one of the 3 x 3 pixels around a place from which its light arrives is full, for each of `count` stars."""
+    if not full.any():
+        return np.zeros(count, dtype=bool)
+    height, width = full.shape
+    # One pixel of margin, so that places beside the frame touch its edge.
+    near = _around(np.pad(full, 1))
+    column, row = np.rint(lit.u) + 1, np.rint(lit.v) + 1
+    beside = np.flatnonzero((column >= 0) & (column <= width + 1) & (row >= 0) & (row <= height + 1))
+    touched = near[row[beside].astype(np.intp), column[beside].astype(np.intp)]
+    return np.bincount(lit.star[beside], touched, count) > 0
 
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:

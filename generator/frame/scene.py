@@ -27,7 +27,7 @@ from generator.frame.landscape import (
 from generator.frame.plan import FramePlan, dimming_atmosphere
 from generator.frame.point_lights import faint_lights, moon_dicts, objects_dict, star_lights, stars_dict
 from generator.frame.scattered_light import Shining, dust_of, gathered, scattered
-from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
+from generator.frame.star_truth import LitMoments, StarTruth, between_lit_ends, star_truth
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.optics.motion import turned_rad
 from generator.optics.psf import psf_table
@@ -83,6 +83,10 @@ class ExpectedFrame:
         Whether the foreground and the Moon hide more than half of the star's light.
     hidden_fraction : (n,) array
         Fraction of the star's light that they hide.
+    low_px, high_px : (n, 2) arrays
+        Least and greatest u and v from which light arrives, without the point spread function; NaN if no light arrives.
+    lit : LitMoments
+        Where the stars are when their light arrives.
     objects : StarTruth
         Truth of the plan's flying objects.
     lamps : StarTruth
@@ -110,6 +114,9 @@ class ExpectedFrame:
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
     hidden_fraction: Floats
+    low_px: Floats
+    high_px: Floats
+    lit: LitMoments
     objects: StarTruth
     lamps: StarTruth
     moon: StarTruth
@@ -312,6 +319,7 @@ def render_under_one_sky(plan: FramePlan, layers: bool = False, channels: bool =
                 light = direct * light + astray(alone, light, light, [])
             parts[name] = recorded(light)
     truths = dict.fromkeys(("stars", "objects", "lamps"), StarTruth.empty())
+    moments = LitMoments.none()
     shining: list[Shining] = []
     image = sky
     dark = mi.load_dict(scene_dict(plan, black_sky(), camera)) if layers else None
@@ -348,6 +356,8 @@ def render_under_one_sky(plan: FramePlan, layers: bool = False, channels: bool =
             # Without evaluation, the sum would keep the points of every block in memory.
             dr.eval(image)
             continue
+        if emitter.id() == "stars":
+            moments = LitMoments.of(tracks)
         truths[emitter.id()] = truth
     if strays:
         dr.eval(image)
@@ -372,6 +382,9 @@ def render_under_one_sky(plan: FramePlan, layers: bool = False, channels: bool =
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,
         hidden_fraction=truth.hidden_fraction,
+        low_px=truth.low_px,
+        high_px=truth.high_px,
+        lit=moments,
         cover=cover,
         objects=truths["objects"],
         lamps=truths["lamps"],

@@ -20,6 +20,33 @@ WHOLE_SIGMAS = 9.0
 
 
 @dataclass(frozen=True)
+class LitMoments:
+    """The m moments of an exposure at which light of stars arrives near the frame.
+
+    Attributes
+    ----------
+    star : (m,) int array
+        Index of the star.
+    u, v : (m,) arrays
+        Its place, px.
+    """
+
+    star: NDArray[np.int64]
+    u: Floats
+    v: Floats
+
+    @classmethod
+    def of(cls, tracks: Any) -> LitMoments:
+        """Return the moments of tracks (:class:`generator.plugins.star_tracks.StarTracks`)."""
+        return cls(tracks.star, tracks.u, tracks.v)
+
+    @classmethod
+    def none(cls) -> LitMoments:
+        """Return no moments."""
+        return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True)
 class StarTruth:
     """Truth of n stars; other attributes are those of :class:`generator.frame.scene.ExpectedFrame`.
 

@@ -156,3 +156,8 @@ def refraction_of_apparent_deg(apparent_altitude_deg: Floats, air: StandardAir) 
     if air.pressure_hpa == 0:
         return np.zeros_like(apparent_altitude_deg)
     return refraction_table(air).of_apparent(apparent_altitude_deg)
+
+
+def lowest_ray_deg(air: StandardAir) -> float:
+    """True altitude, deg, from which the lowest ray arrives, that which touches the ground at sea level; -90 without air."""
+    return -90.0 if air.pressure_hpa == 0 else refraction_table(air).lowest_deg

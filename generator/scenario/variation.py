@@ -256,7 +256,7 @@ def _sweep(path: KeyPath, node: dict[str, Any], where: str) -> Sweep:
     _only_keys(node, (SWEEP_KEY, "zip"), where)
     values, zip_name = node[SWEEP_KEY], node.get("zip")
     if not isinstance(values, list) or not values:
-        raise ScenarioError(f"{where}.{SWEEP_KEY}: found {describe(values)}, expected a list of values")
+        raise ScenarioError(f"{where}.{SWEEP_KEY}: found {describe(values)}, expected a list of at least one value")
     if len(values) > MOST_SWEPT_VALUES:
         raise ScenarioError(f"{where}.{SWEEP_KEY}: found {len(values)} values, at most {MOST_SWEPT_VALUES} are swept")
     if zip_name is not None and not isinstance(zip_name, str):
@@ -312,7 +312,7 @@ def _normal(node: dict[str, Any], where: str) -> Normal:
 def _choice(node: dict[str, Any], where: str) -> Choice:
     values = node["choice"]
     if not isinstance(values, list) or not values:
-        raise ScenarioError(f"{where}: found {describe(values)}, expected a list of values")
+        raise ScenarioError(f"{where}: found {describe(values)}, expected a list of at least one value")
     return Choice(tuple(values))
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.light.cloud_kinds import CLOUD_KINDS, of_ice, point_share, usual_particle_um
-from generator.places.astrometry import Air, Site
+from generator.places.astrometry import Air, Site, air_around
 from generator.places.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
+from generator.places.refraction import lowest_ray_deg
 from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant
 from generator.scenario.sky.cloud_spec import CloudSpec
 from generator.seeds import random_stream
@@ -35,6 +36,8 @@ class SkyState:
         Apparent directions.
     sun_depression_deg, moon_depression_deg : float
         Depression of their true places below the horizontal, without refraction.
+    lowest_ray_deg : float
+        True altitude from which the lowest ray arrives that the Earth does not hide.
     sun : Body
     moon : Body
     moon_v_mag : float
@@ -51,6 +54,7 @@ class SkyState:
     moon_enu: Floats
     sun_depression_deg: float
     moon_depression_deg: float
+    lowest_ray_deg: float
     sun: Body
     moon: Body
     moon_v_mag: float
@@ -64,13 +68,18 @@ class SkyState:
 
     @property
     def sun_altitude_deg(self) -> float:
-        """Apparent, deg."""
-        return float(np.degrees(np.arcsin(self.sun_enu[2])))
+        """Apparent altitude, deg; the true one where the Earth hides the Sun."""
+        return self._altitude_deg(self.sun_enu, self.sun_depression_deg)
 
     @property
     def moon_altitude_deg(self) -> float:
-        """Apparent, deg."""
-        return float(np.degrees(np.arcsin(self.moon_enu[2])))
+        """Apparent altitude, deg; the true one where the Earth hides the Moon."""
+        return self._altitude_deg(self.moon_enu, self.moon_depression_deg)
+
+    def _altitude_deg(self, enu: Floats, depression_deg: float) -> float:
+        if -depression_deg < self.lowest_ray_deg:
+            return -depression_deg
+        return float(np.degrees(np.arcsin(enu[2])))
 
 
 @dataclass(frozen=True)
@@ -135,6 +144,7 @@ def sky_state(
         moon_enu=apparent_enu(moon, site, instant, orientation, air),
         sun_depression_deg=-float(np.degrees(np.arcsin(true_sun[2]))),
         moon_depression_deg=-float(np.degrees(np.arcsin(true_moon[2]))),
+        lowest_ray_deg=lowest_ray_deg(air_around(site, air)),
         sun=sun,
         moon=moon,
         moon_v_mag=float(moon_v_mag(moon.phase_angle_deg, moon.distance_km)),

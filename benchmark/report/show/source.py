@@ -19,7 +19,7 @@ from generator.errors import GeneratorError
 from generator.files import read_at_most
 from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
-from generator.frame.record import STAR_SCHEMA
+from generator.frame.record import LATER_STAR_COLUMNS, STAR_SCHEMA
 from generator.reading.record import LARGEST_RECORD_BYTES, read_record
 from generator.reading.stars import read_stars
 from generator.reading.table import read_table
@@ -196,7 +196,7 @@ def _record_row(path: Path) -> dict[str, Any]:
 def _stars(path: Path) -> pd.DataFrame:
     """Read the truth of stars; a star of a photograph not known to be hidden or saturated counts as neither."""
     with damage_named(path):
-        stars = read_stars(path, STAR_SCHEMA, needed=STAR_SCHEMA.names).to_pandas()
+        stars = read_stars(path, STAR_SCHEMA, needed=set(STAR_SCHEMA.names) - LATER_STAR_COLUMNS).to_pandas()
     return stars.assign(**{name: stars[name].eq(True) for name in ("saturated", "occluded")})
 
 
