@@ -226,6 +226,7 @@ def describe(
     details: dict[str, float | int | str] = {
         "sigma_px": adjusted.sigma_px,
         "predicted_stars": len(stars),
+        "stars_to_limit": int(np.count_nonzero(stars.v_mag <= limiting_mag)),
     }
     if shared is not None:
         details |= {"shared_px": shared.rms_px, "shared_length_px": shared.length_px, "shared_score": shared.score}

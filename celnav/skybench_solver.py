@@ -29,7 +29,14 @@ from celnav.position import refracting
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
-from celnav.uncertainty.contradicted import FREED_FOCAL, doubt_deg, freed, lens_contradicted, with_free_lens
+from celnav.uncertainty.contradicted import (
+    FREED_FOCAL,
+    doubt_deg,
+    freed,
+    lens_contradicted,
+    unless_of_a_part,
+    with_free_lens,
+)
 from celnav.uncertainty.field_errors import (
     FieldOfStars,
     NamedStars,
@@ -173,12 +180,17 @@ class SkybenchSolver:
             told = self._priors(problem)
             fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment, told)
             if self.config.calibrate == "auto" and lens_contradicted(fix, problem.observation, problem.sigmas):
-                free = freed(told, problem.observation.camera)
                 again = (
-                    self._fix(problem, prepared, orientation, to_terrestrial, alignment, free, kept=kept)
+                    self._fix(
+                        problem, prepared, orientation, to_terrestrial, alignment,
+                        freed(told, problem.observation.camera, distorted=distorted), kept=kept,
+                    )
+                    for distorted in (False, True)
                     for kept in (False, True)
-                )
+                )  # fmt: skip
                 fix = with_free_lens(fix, again, problem.observation, len(alignment.detection))
+            elif self.config.calibrate == "full":
+                fix = unless_of_a_part(fix, problem.observation, len(alignment.detection))
             return replace(fix, work=effort.work)
 
     def _time_limit_s(self, problem: Problem) -> float:

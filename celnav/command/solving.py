@@ -29,6 +29,7 @@ from celnav.detection import FAINT_STARS, DetectionConfig, detect
 from celnav.detections import Detections
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Fix, Reason
+from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
 from celnav.problem import LastKnown, Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
@@ -56,6 +57,9 @@ Mode = Literal["none", "auto", "full"]
 # Standard deviations for an uncalibrated lens: equivalent focal lengths are rounded to a millimetre, principal points are
 # within a per cent of the width from the centre, and lenses that are not very wide distort by a few per cent at the corner.
 UNCALIBRATED_FOCAL, UNCALIBRATED_CENTRE, UNCALIBRATED_DISTORTION = 0.05, 0.01, 0.05
+UNCALIBRATED_DECENTRING = 3e-4
+"""Standard deviation of each decentring term of an uncalibrated lens; the calibrated lens of a meteor station has 2.6e-4 and
+-3.6e-4 (docs/real_frames.md)."""
 
 
 @dataclass
@@ -126,13 +130,16 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         lens = told
         with clock.stage("detection"):
             detections = detect(image, mask, DetectionConfig(faint_stars=FAINT_STARS))
+    mode = _mode(arguments, lens, fitted=told is None and attitude is None)
+    if mode == "full" and not lens.calibrated:
+        lens = replace(lens, camera=perhaps_decentred(lens.camera))
     with clock.stage("solving"):
         fix = solve(
             detections,
             lens.camera,
             moment.utc,
             attitude,
-            _solver(arguments, lens, fitted=told is None and attitude is None),
+            _solver(arguments, lens, mode),
             pressure_hpa=air.pressure_hpa,
             temperature_c=air.temperature_c,
             dut1_s=arguments.dut1_s,
@@ -156,7 +163,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         attitude=attitude,
         R_cam=attitude_of(fix, moment.utc, arguments.dut1_s, attitude),
         assumed=(*lens.assumed, *moment.assumed, *_of_attitude(arguments.attitude, attitude, tags)),
-        warnings=(*lens.warnings, *((limit,) if limit else ()), *_of_doubt(fix, arguments.calibrate)),
+        warnings=(*lens.warnings, *((limit,) if limit else ()), *_of_doubt(fix, lens, arguments.calibrate)),
         time_ms=clock.time_ms,
         sigmas=sigmas,
     )
@@ -201,18 +208,21 @@ def _with_hint_of_a_mirror(
 
 
 def _with_hint_of_other_lens(fix: Fix, lens: _Lens, detections: Detections) -> Fix:
-    """Add a remedy to the message if no star can be identified with the focal length of tags or options.
+    """Add a remedy to the message if no star can be identified with the camera that was told.
 
     A picture that was cropped, or taken with digital zoom, keeps the tags of the whole sensor.
     """
-    if not lens.of_tags or fix.reason not in NAMES_NO_STAR or len(detections) < FEWEST_TO_MIRROR:
+    if fix.reason not in NAMES_NO_STAR or len(detections) < FEWEST_TO_MIRROR or not (lens.of_tags or lens.calibrated):
         return fix
     if MIRRORED in fix.message:  # found with this very focal length
         return fix
-    remedy = "give --camera unknown, which finds field and lens from the stars"
-    return replace(
-        fix, message=f"{fix.message}; if the picture was cropped or zoomed, that focal length is not its own: {remedy}"
+    doubt = (
+        "if the picture was cropped or zoomed, that focal length is not its own"
+        if lens.of_tags
+        else "if the camera's field or lens is known only roughly"
     )
+    remedy = "give --camera unknown, which finds field and lens from the stars"
+    return replace(fix, message=f"{fix.message}; {doubt}: {remedy}")
 
 
 def _near(text: str | None, solver: str) -> LastKnown | None:
@@ -260,9 +270,14 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
     return _Lens(file.camera, f"{file.kind}, {arguments.camera}", True, file.assumed)
 
 
-def _of_doubt(fix: Fix, calibrate: Mode | None) -> tuple[str, ...]:
+def _of_doubt(fix: Fix, lens: _Lens, calibrate: Mode | None) -> tuple[str, ...]:
     """Say that the stars rule out the camera's lens, or that they scatter widely about one that is to be trusted."""
     doubt_deg = fix.details.get("lens_doubt_deg")
+    if doubt_deg is not None and lens.of_tags:
+        return (
+            f"the stars rule out a pinhole, so the vertical is doubted by {doubt_deg:.1f} deg: give --camera unknown, which "
+            "finds field and lens from the stars, or calibrate the camera (celnav calibrate)",
+        )
     if doubt_deg is not None:
         return (
             f"the stars rule out the camera's lens, so the vertical is doubted by {doubt_deg:.1f} deg: calibrate the camera "
@@ -276,16 +291,28 @@ def _of_doubt(fix: Fix, calibrate: Mode | None) -> tuple[str, ...]:
     return ()
 
 
-def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | Solver:
-    """Return the solver, which leaves free what is unknown of the camera: nothing if it was fitted to the same stars.
+def _mode(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> Mode | None:
+    """Return what the solver leaves free of the camera: nothing if it was fitted to the same stars; None for other solvers.
 
     With a vertical, refraction is removed from the stars, so the fitted lens, which had absorbed it, must be free to change.
     """
-    if arguments.solver != "skybench":
-        if arguments.calibrate is not None:
-            raise ConfigError(f"--calibrate: solver {arguments.solver} fits no camera; skybench does")
+    if arguments.solver == "skybench":
+        return arguments.calibrate or ("auto" if lens.calibrated else "none" if fitted else "full")
+    if arguments.calibrate is not None:
+        raise ConfigError(f"--calibrate: solver {arguments.solver} fits no camera; skybench does")
+    return None
+
+
+def perhaps_decentred(camera: Camera) -> Camera:
+    """The camera with the decentring that a lens may have which nobody calibrated; no single frame tells it from a tilt."""
+    variance = UNCALIBRATED_DECENTRING**2
+    return replace(camera, uncertainty=LensUncertainty(("p1", "p2"), ((variance, 0.0), (0.0, variance))))
+
+
+def _solver(arguments: argparse.Namespace, lens: _Lens, mode: Mode | None) -> str | Solver:
+    """Return the solver, which leaves free what is unknown of the camera."""
+    if mode is None:
         return str(arguments.solver)
-    mode: Mode = arguments.calibrate or ("auto" if lens.calibrated else "none" if fitted else "full")
     if lens.calibrated or mode != "full":
         return SkybenchSolver(SkybenchConfig(calibrate=mode))
     priors = CameraPriors(UNCALIBRATED_FOCAL, UNCALIBRATED_CENTRE * lens.camera.width, UNCALIBRATED_DISTORTION)

@@ -23,6 +23,8 @@ FREED_FOCAL = 0.1
 """Standard deviation of the logarithm of the focal length where the supplied lens does not hold."""
 FREED_CENTRE = 0.1
 """Standard deviation of the principal point there, in focal lengths (5.7 deg): the decentring that a usable lens may have."""
+FREED_DISTORTION = 0.2
+"""Standard deviation of the two radial terms there, as fractions at half the diagonal: a wide lens is taken for a pinhole."""
 FEWEST_STARS = 12
 """Least number of stars identified with a freed lens, whose three additional parameters make chance fits easier."""
 MOST_SCATTER_PX = 3.0
@@ -37,15 +39,18 @@ LEFT_STARS = 0.8
 """Fraction of the stars that must fit a freed lens: with a few parameters more, fewer stars always scatter less."""
 LEAST_EXPLAINED = 0.2
 """Least fraction of the stars or of the detections, whichever are fewer, that a lens explains which is nearly right."""
+LEAST_OF_FREE = 0.4
+"""The same where the lens is free from the start: with more parameters it bends farther into a wrong place."""
 CLEAR_SIGMAS = 5.0
 _WORST_CONDITION = 1e10
 _LEAST_CONTRADICTION = 11.34  # chi-squared of three degrees of freedom that chance exceeds in one frame of a hundred
 
 
-def freed(told: CameraPriors, camera: Camera) -> CameraPriors:
-    """Free focal length and principal point, as far as they are not free already."""
+def freed(told: CameraPriors, camera: Camera, *, distorted: bool = False) -> CameraPriors:
+    """Free focal length and principal point, and on request the radial terms, as far as they are not free already."""
     centre_px = max(told.centre_px, FREED_CENTRE * camera.f_px)
-    return replace(told, focal=max(told.focal, FREED_FOCAL), centre_px=centre_px)
+    distortion = max(told.distortion, FREED_DISTORTION) if distorted else told.distortion
+    return replace(told, focal=max(told.focal, FREED_FOCAL), centre_px=centre_px, distortion=distortion)
 
 
 def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
@@ -108,10 +113,17 @@ def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, n_id
     return _doubted(fix) if unfit or _of_a_part(fix, seen) else fix
 
 
-def _of_a_part(fix: Fix, seen: Observation) -> bool:
+def unless_of_a_part(fix: Fix, seen: Observation, n_identifying: int) -> Fix:
+    """The fix of a lens that was free; with doubt if that lens fits in one part of the field only."""
+    if not fix.ok or n_identifying < FEWEST_STARS or not _of_a_part(fix, seen, LEAST_OF_FREE):
+        return fix
+    return _doubted(fix)
+
+
+def _of_a_part(fix: Fix, seen: Observation, least: float = LEAST_EXPLAINED) -> bool:
     """Whether few of the stars and of the detections fit, as if a wrong lens held in one part of the field."""
-    expected = min(len(seen.rays), float(fix.details["predicted_stars"]))
-    return fix.residual_rms_px > WIDE_SCATTER_PX and len(fix.matches) < LEAST_EXPLAINED * expected
+    expected = min(len(seen.rays), float(fix.details["stars_to_limit"]))
+    return fix.residual_rms_px > WIDE_SCATTER_PX and len(fix.matches) < least * expected
 
 
 def _is_better(again: Fix, fix: Fix) -> bool:

@@ -218,7 +218,8 @@ def shown_refraction(named: NamedStars) -> Estimate | None:
     the result is None.
     """
     field = named.field
-    if named.by_air is None or field.camera.uncertainty is not None or 2 * len(named.rows) < _FEWEST_NUMBERS:
+    known = field.camera.uncertainty
+    if named.by_air is None or (known is not None and "f_px" in known.names) or 2 * len(named.rows) < _FEWEST_NUMBERS:
         return None
     columns = np.concatenate((named.design, named.by_air), axis=2)
     weighted = (columns * named.precision[:, None, None]).reshape(2 * len(columns), -1)
