@@ -188,7 +188,7 @@ class _Normal:
         of_turn = np.linalg.solve(damped, self.of_turn[:, :, None])[:, :, 0]
         complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
         gradient = self.of_lens - np.einsum("gmi,gi->m", self.cross, of_turn)
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-300))
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-100))
         scaled = complement * scale[:, None] * scale + (damping + _RIDGE) * np.eye(len(scale))
         of_lens = scale * np.linalg.solve(scaled, scale * gradient)
         return of_lens, of_turn - np.einsum("gim,m->gi", eliminated, of_lens)
@@ -204,7 +204,7 @@ class _Normal:
         """Covariance of the lens, with the attitudes free."""
         eliminated = np.linalg.solve(self._turn(), np.swapaxes(self.cross, 1, 2))
         complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-300))
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-100))
         inverse = np.linalg.inv(complement * scale[:, None] * scale + _RIDGE * np.eye(len(scale)))
         return np.asarray(inverse * scale[:, None] * scale)
 
