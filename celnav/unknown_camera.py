@@ -129,7 +129,8 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
     if not follows(fit, frame):
         raise NothingNamedError(
             f"{len(fit.seen)} stars are identified near the middle, but no lens follows them outwards "
-            f"({scatter:.1f} px): is the picture cut from one side of a larger one, put together of several, or of pixels that are not square?"
+            f"({scatter:.1f} px): is the picture cut from one side of a larger one, put together of several, or of pixels "
+            "that are not square?"
         )
     camera = fit.bundle.form.camera(fit.bundle.values, frame.size)
     return FoundCamera(camera, fit.bundle.rotations[0], frame.detections, len(fit.seen), scatter)

@@ -89,8 +89,8 @@ def check_answer(answer: Answer, n_detections: int) -> None:
     ------
     ValueError
         A fix without a possible position (a longitude within a full turn of Greenwich); matches that are not (m, 2) integers,
-        or that point to no detection or twice to the same one; a covariance that is not 2x2, symmetric and within
-        `LARGEST_COVARIANCE_KM2`; a confidence outside 0 to 1.
+        or that point to no detection or twice to the same one; a covariance that is not 2x2, symmetric, within
+        `LARGEST_COVARIANCE_KM2` and without a negative eigenvalue; a confidence outside 0 to 1.
     """
     if answer.ok:
         lat, lon = answer.lat_deg, answer.lon_deg
@@ -109,8 +109,15 @@ def check_answer(answer: Answer, n_detections: int) -> None:
         raise ValueError(f"covariance is not a 2x2 matrix within {LARGEST_COVARIANCE_KM2:g} km^2")
     if cov is not None and not np.allclose(cov, cov.T):
         raise ValueError("covariance is not symmetric")
+    if cov is not None and not is_covariance(float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])):
+        raise ValueError("covariance has a negative variance, or its square of cov_en is above cov_ee cov_nn")
     if answer.confidence is not None and not 0.0 <= answer.confidence <= 1.0:
         raise ValueError(f"confidence {answer.confidence} is not within 0 to 1")
+
+
+def is_covariance(ee: float, en: float, nn: float) -> bool:
+    """Whether three numbers can be a covariance, with a tolerance for rounding."""
+    return ee >= 0.0 and nn >= 0.0 and en**2 <= ee * nn * (1 + 1e-9)
 
 
 def judge_answer(

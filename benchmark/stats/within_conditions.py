@@ -19,6 +19,8 @@ F8 = NDArray[np.float64]
 
 FEWEST_CLUSTERS = 2
 """Fewest clusters at each condition; fewer say nothing about the variance within it."""
+MOST_UNSEEN = 1 / 3
+"""Largest variance of conditions whose frames agree, over that of the others, for which the sum tells that of the share."""
 _TAIL = 0.5 + CONFIDENCE / 2.0
 
 
@@ -27,7 +29,9 @@ def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: R
 
     Where all frames of a condition agree, they show no variance; the condition then gets that of a share with half a frame
     that differs. The share as a whole is treated as by `clustered.proportion_estimate` where all frames agree, where there is
-    only one condition, where a frame has no condition, and where a condition has fewer than `FEWEST_CLUSTERS` clusters.
+    only one condition, where a frame has no condition, where a condition has fewer than `FEWEST_CLUSTERS` clusters, and for
+    rare events, where half frames would add more than `MOST_UNSEEN` of the variance seen, if that interval is the narrower
+    one: fixed conditions lessen the variance.
 
     Parameters
     ----------
@@ -48,10 +52,15 @@ def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: R
     strata = _strata(condition, resamples)
     if strata is None or not 0.0 < whole.value < 1.0:
         return whole
-    variance = _variance(right, *strata, resamples)
+    seen, unseen = _variances(right, *strata, resamples)
+    variance = seen + unseen
+    if variance == 0.0:  # the residuals of every cluster cancel
+        return whole
     effective = whole.value * (1.0 - whole.value) / variance
     effective *= float(stats.norm.ppf(_TAIL) / _quantile(strata[1], resamples)) ** 2
     low, high = wilson(whole.value * effective, effective)
+    if unseen > MOST_UNSEEN * seen and high - low > whole.high - whole.low:
+        return whole
     return Estimate(whole.value, low, high, whole.n)
 
 
@@ -115,12 +124,15 @@ def _sum_of_squares(values: F8, stratum: NDArray[np.intp], n_clusters: NDArray[n
     return float(np.square(np.bincount(resamples.cluster, weights=residual)).sum())
 
 
-def _variance(right: F8, stratum: NDArray[np.intp], n_clusters: NDArray[np.intp], resamples: Resamples) -> float:
-    """Variance of the share over all frames."""
+def _variances(
+    right: F8, stratum: NDArray[np.intp], n_clusters: NDArray[np.intp], resamples: Resamples
+) -> tuple[float, float]:
+    """Variance of the share over all frames: that between clusters, and that of conditions whose frames agree."""
     frames = np.bincount(stratum).astype(np.float64)
     share = np.bincount(stratum, weights=right) / frames
     between = _sum_of_squares(right, stratum, n_clusters, resamples)
     agree = (share == 0.0) | (share == 1.0)
     p = 0.5 / (n_clusters[agree] + 1.0)
     unseen = float((np.square(frames[agree]) * p * (1.0 - p) / n_clusters[agree]).sum())
-    return (between + unseen) / math.pow(len(right), 2)
+    squared = math.pow(len(right), 2)
+    return between / squared, unseen / squared

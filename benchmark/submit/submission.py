@@ -12,14 +12,13 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmark.judge.answers import FARTHEST_PX, LARGEST_COVARIANCE_KM2, is_covariance
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
 from benchmark.submit.cells import Cell, CellTable, read_cells, shown
 
 LARGEST_FRAMES = 200_000
 LARGEST_STAR_ROWS = 1_000_000
 LARGEST_DETECTIONS_OF_A_FRAME = 100_000
-FARTHEST_PX = 1e6
-LARGEST_VARIANCE_KM2 = 1e12
 LONGEST_TIME_MS = 1e9
 MAX_PROBLEMS = 1000
 
@@ -29,8 +28,8 @@ STAR_COLUMNS = ("frame_id", "u_px", "v_px", "star_id")
 STATUSES = (FIX, REFUSED, ERROR)
 
 _FRAME_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]{1,30}(?:\.[0-9]{0,30})?|\.[0-9]{1,30})(?:[eE][+-]?[0-9]{1,3})?")
-_INTEGER = re.compile(r"[+-]?[0-9]{1,10}")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]{1,30}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE][+-]?[0-9]{1,3})?")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,10}(?:\.0{0,30})?")
 
 
 @dataclass(frozen=True)
@@ -217,18 +216,18 @@ def _answer(row: Mapping[str, Cell], line: int, notes: Notes) -> _Answer | None:
     fix = status == FIX
     lat = _number(row, "lat_deg", line, notes, -90.0, 90.0, needed=fix)
     lon = _number(row, "lon_deg", line, notes, -360.0, 360.0, needed=fix)
-    limit = LARGEST_VARIANCE_KM2
+    limit = LARGEST_COVARIANCE_KM2
     ee = _number(row, "cov_ee", line, notes, 0.0, limit)
     en = _number(row, "cov_en", line, notes, -limit, limit)
     nn = _number(row, "cov_nn", line, notes, 0.0, limit)
     confidence = _number(row, "confidence", line, notes, 0.0, 1.0)
     time_ms = _time(row, line, notes)
     covariance = None
-    given = [value is not None for value in (ee, en, nn)]
+    given = [row.get(name) not in (None, "") for name in ("cov_ee", "cov_en", "cov_nn")]
     if any(given) and not all(given):
         notes.add(line, "cov_ee", "give cov_ee, cov_en and cov_nn together, or none of them")
     elif ee is not None and en is not None and nn is not None:
-        if en**2 > ee * nn * (1 + 1e-9):
+        if not is_covariance(ee, en, nn):
             notes.add(line, "cov_en", "no covariance has cov_en^2 above cov_ee cov_nn")
         covariance = (ee, en, nn)
     if not fix:
@@ -267,7 +266,7 @@ def _time(row: Mapping[str, Cell], line: int, notes: Notes) -> float | None:
 
 
 def _integer(row: Mapping[str, Cell], column: str, line: int, notes: Notes) -> int | None:
-    value = _parsed(row.get(column), _INTEGER, int)
+    value = _parsed(row.get(column), _INTEGER, float)
     if value is None:
         return None
     if isinstance(value, str) or value != int(value) or not -(2**31) <= value < 2**31:

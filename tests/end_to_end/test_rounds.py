@@ -116,6 +116,21 @@ def test_who_was_not_committed_to_is_kept_apart(scored) -> None:
     assert path.relative_to(apart).parts[1] == "later"
 
 
+def test_of_an_entrant_one_set_of_answers_counts(scored, tmp_path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text((scored / "set" / "answers.csv").read_text().replace("refused", "error"))
+    given = ("--set", scored / "set", "--answers", other, "--name", "theirs")
+    assert "one set of answers counts" in " ".join(step(scored, "score", *given, code=2).split())
+    step(scored, "score", *given, "--later", "--out", tmp_path / "later")
+
+
+def test_answers_that_come_after_the_secret_are_kept_apart(opened, tmp_path) -> None:
+    """Whoever has the secret can make the truth."""
+    given = ("--set", opened / "set", "--answers", opened / "set" / "answers.csv", "--name", "theirs")
+    assert "anyone can make the truth" in " ".join(step(opened, "score", *given, code=2).split())
+    step(opened, "score", *given, "--later", "--out", tmp_path / "later")
+
+
 def test_all_solvers_can_be_given_the_same_detections(scored, tmp_path, monkeypatch) -> None:
     arguments = ("--set", scored / "set", "--solver", "skybench", "--detections", "shared", "--out", tmp_path)
     step(scored, "score", *arguments)

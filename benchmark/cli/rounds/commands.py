@@ -68,7 +68,10 @@ def draw(
         print_json({"out": out, "commitment_sha256": committed.sha256, "frames": frames, "contestants": contestants})
         return
     typer.echo(f"{out}: commitment {committed.sha256}")
-    typer.echo(f"publish {out} before anything else, keep {secret} to yourself; next: skybench bench round pack {out}")
+    typer.echo(
+        f"publish {out} before anything else, keep {secret} to yourself; next: skybench bench round pack {out} "
+        f"--secret {secret} --truth FOLDER --out SET"
+    )
 
 
 @app.command(
@@ -98,7 +101,10 @@ def pack(
     if as_json:
         print_json({"out": out, "frames": count})
         return
-    typer.echo(f"{count} frames in {out}; next: skybench bench round score {folder}")
+    typer.echo(
+        f"{count} frames in {out}; next: skybench bench round score {folder} --secret {secret} --truth {truth} --set {out} "
+        "--solver NAME"
+    )
 
 
 @app.command(

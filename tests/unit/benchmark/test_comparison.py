@@ -111,6 +111,29 @@ def test_ranks_say_no_more_than_the_tests():
         ranks(tables, compare(tables)[:1])
 
 
+def test_a_rank_needs_a_difference_that_holds_among_all_pairs():
+    """a is ahead of b and c on six frames (p = 2 / 2^6 = 0.031, by Holm 0.094): all may share the first rank."""
+    right = np.zeros((3, 40), dtype=bool)
+    right[0, :26], right[1, :20], right[2, :20] = True, True, True
+    tables = {name: table(error_km=np.where(row, 1.0, 100.0)) for name, row in zip("abc", right, strict=True)}
+    compared = compare(tables)
+    assert sorted(one.success_test.p for one in compared) == pytest.approx([2 / 64, 2 / 64, 1.0])
+    assert [(r.low, r.high) for r in ranks(tables, compared)] == [(1, 3)] * 3
+    assert [(r.low, r.high) for r in ranks(tables, compared, level=0.1)] == [(1, 1), (2, 3), (2, 3)]
+
+
+def test_what_three_solvers_can_detect_is_tested_at_a_third_of_the_level():
+    right = np.zeros((3, 100), dtype=bool)
+    right[0, :70], right[1, :50], right[2, 20:70] = True, True, True
+    tables = {name: table(error_km=np.where(row, 1.0, 100.0)) for name, row in zip("abc", right, strict=True)}
+    assert detectable(compare(tables)) == pytest.approx(minimum_detectable_difference(100, 0.2, 0.05 / 3))
+
+
+def test_errors_below_a_metre_count_as_a_metre():
+    tables = {"a": table(error_km=[1e-6, 1e-4]), "b": table(error_km=[1.0, 1.0])}
+    assert compare(tables)[0].error_ratio.value == pytest.approx(1e-3)
+
+
 def test_the_sample_size_of_a_paired_study():
     """Two published examples of Connor's formula (two-sided 5 %, power 80 %): 45 against 5 % of discordant pairs take 23
     pairs (powerandsamplesize.com), 30 against 15 % take 155 (clinicaltrials-tools, McNemar calculator)."""

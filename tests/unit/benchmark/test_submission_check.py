@@ -1,11 +1,13 @@
 """The checker of submissions: what it accepts, what it refuses and in which words, and that nothing breaks it."""
 
+import dataclasses
 import datetime as dt
 import gzip
 import math
 import os
 import zipfile
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -14,6 +16,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
+from benchmark.judge.answers import check_answer
+from benchmark.protocol import Answer
 from benchmark.submit import cells as submission_cells
 from benchmark.submit import parquet_guard, submission
 from benchmark.submit.csv_cells import csv_lines, safe_cell
@@ -76,6 +80,28 @@ def test_columns_may_come_in_any_order_and_optional_ones_be_left_out(file):
 )  # fmt: skip
 def test_each_fault_is_named_with_line_column_and_reason(file, line, expected):
     assert expected in problems_of(file, f"{HEADER}\n{line}\n")
+
+
+def test_a_variance_that_is_refused_is_given_all_the_same(file):
+    found = problems_of(file, f"{HEADER}\nframe-00001,fix,1,1,-1,0,1,,\n")
+    assert found == ["line 2: cov_ee: found -1, expected 0 to 1e+12"]
+
+
+def test_numbers_as_other_programs_print_them(file):
+    """C's %.34f, and pandas' integers of a column with gaps."""
+    assert problems_of(file, f"{HEADER}\nframe-00001,fix,52.{'1' * 34},4.5,,,,,\n") == []
+    rows = "frame_id,u_px,v_px,star_id\nframe-00001,1.0,2.0,3.0\nframe-00001,3.0,2.0,\n"
+    assert problems_of(file, rows, check=check_stars) == []
+    assert [row.star_id for row in check_stars(file).stars["frame-00001"]] == [3, None]
+    assert len(problems_of(file, rows.replace("3.0\nf", "3.5\nf"), check=check_stars)) == 1
+
+
+@pytest.mark.parametrize("cov", [[[-1.0, 0.0], [0.0, 1.0]], [[1.0, 5.0], [5.0, 1.0]]])
+def test_a_program_s_impossible_covariance_is_refused_as_a_submitted_one_is(cov):
+    answer = Answer(ok=True, reason="", lat_deg=1.0, lon_deg=1.0, cov_km2=np.array(cov))
+    with pytest.raises(ValueError, match="covariance has"):
+        check_answer(answer, 0)
+    check_answer(dataclasses.replace(answer, cov_km2=np.array([[1.0, 1.0], [1.0, 1.0]])), 0)
 
 
 @pytest.mark.parametrize(
