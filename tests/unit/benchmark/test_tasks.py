@@ -188,7 +188,8 @@ def heard(instruments: Instruments, level: int, count: int) -> list[Observation]
 def test_what_is_told_errs_as_the_task_says():
     instruments = Instruments(tilt_sigma_deg=(0.0, 0.5), heading_sigma_deg=(0.0, 2.0))
     exact = heard(instruments, 0, 1)[0]
-    assert dataclasses.replace(exact, R_cam=SEEN.R_cam) == SEEN
+    names = [field.name for field in dataclasses.fields(SEEN) if field.name != "R_cam"]
+    assert [getattr(exact, name) for name in names] == [getattr(SEEN, name) for name in names]
     assert exact.R_cam == pytest.approx(SEEN.R_cam, abs=1e-15)
     found = heard(instruments, 1, 4000)
     assert {one.camera for one in found} == {CAMERA}
