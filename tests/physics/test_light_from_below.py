@@ -98,10 +98,13 @@ def test_the_sun_above_the_horizon_is_refused() -> None:
 
 @pytest.mark.parametrize(("height_m", "up"), [(0.0, False), (10_000.0, True)])
 def test_the_sun_above_a_horizon_that_dips_is_refused(height_m, up) -> None:
-    """Ten kilometres up the horizon lies 3 deg below the horizontal, and the Sun, 1.9 deg below it, is in view."""
+    """Ten kilometres up the horizon lies 3 deg below the horizontal, and the Sun, 1.9 deg below it, is in view.
+
+    From the ground it is 2.5 deg below, without refraction.
+    """
     site = DELFT | {"height_m": height_m, "ground_height_m": 0.0}
     plan = plan_frame(small_scenario(site=site, time__utc_start="2020-01-08T16:03:00Z"), 0)
-    assert -2.2 < plan.sky.sun_altitude_deg < -1.5
+    assert (-2.2 if up else -2.7) < plan.sky.sun_altitude_deg < (-1.5 if up else -2.3)
     if up:
         with pytest.raises(GeneratorError, match=r"above the horizon, which lies 3.\d deg below the horizontal, at"):
             frame_layers(plan)

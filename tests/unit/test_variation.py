@@ -151,7 +151,7 @@ def test_hash_sees_distributions() -> None:
         ("latitude_deg", {"uniform": [0, 95]}, "site.latitude_deg: found float 95.0, expected a value <= 90"),
         ("latitude_deg", {"uniform": [0, 10], "sigma": 1}, "site.latitude_deg.sigma: unknown key"),
         ("latitude_deg", {"normal": [0, -1]}, "positive"),
-        ("latitude_deg", {"choice": []}, "list of values"),
+        ("latitude_deg", {"choice": []}, "at least one value"),
         ("height_m", {"integer": [0.5, 2]}, "expected .low, high."),
         ("latitude_deg", {"utc": ["2020-01-01", "2021-01-01"]}, "ending in Z"),
         ("latitude_deg", {"utc": ["2021-01-01T00:00:00Z", "2020-01-01T00:00:00Z"]}, "earlier time first"),
