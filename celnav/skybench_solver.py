@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -180,18 +181,29 @@ class SkybenchSolver:
             told = self._priors(problem)
             fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment, told)
             if self.config.calibrate == "auto" and lens_contradicted(fix, problem.observation, problem.sigmas):
-                again = (
-                    self._fix(
-                        problem, prepared, orientation, to_terrestrial, alignment,
-                        freed(told, problem.observation.camera, distorted=distorted), kept=kept,
-                    )
+                freed_fixes, bent_fixes = (
+                    self._freed(problem, prepared, orientation, to_terrestrial, alignment, told, distorted)
                     for distorted in (False, True)
-                    for kept in (False, True)
-                )  # fmt: skip
-                fix = with_free_lens(fix, again, problem.observation, len(alignment.detection))
+                )
+                fix = with_free_lens(fix, freed_fixes, bent_fixes, problem.observation, len(alignment.detection))
             elif self.config.calibrate == "full":
                 fix = unless_of_a_part(fix, problem.observation, len(alignment.detection))
             return replace(fix, work=effort.work)
+
+    def _freed(
+        self,
+        problem: Problem,
+        prepared: Prepared,
+        orientation: EarthOrientation,
+        to_terrestrial: F8,
+        alignment: Alignment,
+        told: CameraPriors,
+        distorted: bool,
+    ) -> Iterator[Fix]:
+        """Yield answers with the lens freed, from both starting points; with its radial terms too if `distorted`."""
+        free = freed(told, problem.observation.camera, distorted=distorted)
+        for kept in (False, True):
+            yield self._fix(problem, prepared, orientation, to_terrestrial, alignment, free, kept=kept)
 
     def _time_limit_s(self, problem: Problem) -> float:
         """Return the shorter of the configuration's time limit and the caller's; infinity if neither is set."""

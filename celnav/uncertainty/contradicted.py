@@ -27,6 +27,8 @@ FREED_DISTORTION = 0.2
 """Standard deviation of the two radial terms there, as fractions at half the diagonal: a wide lens is taken for a pinhole."""
 FEWEST_STARS = 12
 """Least number of stars identified with a freed lens, whose three additional parameters make chance fits easier."""
+FEWEST_BENT = 40
+"""The same where the radial terms are free as well."""
 MOST_SCATTER_PX = 3.0
 """Largest root mean square residual of those stars, pixels; if they scatter more, something else is wrong."""
 WIDE_SCATTER_PX = 0.8
@@ -83,7 +85,9 @@ def lens_contradicted(fix: Fix, seen: Observation, sigmas: ToldSigmas) -> bool:
     return bool((np.abs(shift) > CLEAR_SIGMAS * np.sqrt(own + sigmas.centre_px**2)).any())
 
 
-def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, n_identifying: int) -> Fix:
+def with_free_lens(
+    fix: Fix, freed_fixes: Iterable[Fix], bent_fixes: Iterable[Fix], seen: Observation, n_identifying: int
+) -> Fix:
     """Return the answer where the lens is contradicted: one with the lens freed, or the fix as it is, with doubt or without.
 
     The doubt follows where the stars rule out the lens and no freed one gives a place. They do if they fit another lens that
@@ -96,17 +100,21 @@ def with_free_lens(fix: Fix, freed_fixes: Iterable[Fix], seen: Observation, n_id
         The fix with the lens as supplied.
     freed_fixes : iterable of Fix
         Answers with the lens freed, from different starting points; they are taken until one is better.
+    bent_fixes : iterable of Fix
+        The same with the radial terms freed too, taken after those.
     seen : Observation
         The detections.
     n_identifying : int
         Number of bright stars that identified the field.
     """
     failed = []
-    for again in freed_fixes:
-        if _is_better(again, fix) and not _of_a_part(again, seen):
-            # Stars that fit another lens well, but not the attitude, show how little of what was supplied still holds.
-            return _doubted(fix) if again.reason is Reason.INCONSISTENT else again
-        failed.append(again)
+    for tried, fewest in ((freed_fixes, FEWEST_STARS), (bent_fixes, FEWEST_BENT)):
+        for again in tried:
+            if len(again.matches) >= fewest and _is_better(again, fix) and not _of_a_part(again, seen):
+                # Stars that fit another lens well, but not the attitude, show how little of what was supplied still holds.
+                return _doubted(fix) if again.reason is Reason.INCONSISTENT else again
+            if tried is freed_fixes:
+                failed.append(again)
     if not fix.ok or fix.residual_rms_px <= WIDE_SCATTER_PX or n_identifying < FEWEST_STARS:
         return fix
     unfit = all(again.reason is Reason.INCONSISTENT for again in failed)
@@ -128,7 +136,7 @@ def _of_a_part(fix: Fix, seen: Observation, least: float = LEAST_EXPLAINED) -> b
 
 def _is_better(again: Fix, fix: Fix) -> bool:
     """Whether the stars fit the freed lens of an answer, which may be a refusal, better than the lens as supplied."""
-    if len(again.matches) < FEWEST_STARS or again.residual_rms_px > MOST_SCATTER_PX:
+    if again.residual_rms_px > MOST_SCATTER_PX:
         return False
     if fix.reason is Reason.INCONSISTENT:
         return again.reason is not Reason.INCONSISTENT
