@@ -6,12 +6,13 @@ import dataclasses
 import hashlib
 import json
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmark.errors import RoundError
+from benchmark.frames.dataset import Frame
 from benchmark.frames.frame_set import FrameSet
 from benchmark.frames.identity import FrameIdentity
 from benchmark.provenance import now_utc
@@ -131,15 +132,20 @@ def pack_round(
     render_frames(drawn.frames, truth, jobs, progress)
     frames = read_frames(drawn.frames, truth, drawn.key)
     check_different(frames)
-    pack(frames, out, names={frame.frame_id: frame.frame_id for frame in frames})
     content = {
         "format": PACKED_FORMAT,
         "commitment_sha256": drawn.commitment.sha256,
         "frames": len(frames),
-        "set_sha256": set_sha256(out),
+        "set_sha256": _write_set(frames, out),
     }
     write_bytes(folder / PACKED, json_bytes(content))
     return len(frames)
+
+
+def _write_set(frames: Sequence[Frame], out: Path) -> str:
+    """Write the set for solvers, and return its hash."""
+    pack(frames, out, names={frame.frame_id: frame.frame_id for frame in frames})
+    return set_sha256(out)
 
 
 def check_apart(inner: Path, others: Mapping[str, Path]) -> None:
@@ -181,6 +187,23 @@ def set_sha256(folder: Path) -> str:
     return digest.hexdigest()
 
 
+def published_set(folder: Path, drawn: Drawn) -> str:
+    """Hash of the set that was published for solvers.
+
+    Raises
+    ------
+    RoundError
+        It is of another commitment, or of another number of frames.
+    """
+    path = folder / PACKED
+    published = read_json(path)
+    if published.get("commitment_sha256") != drawn.commitment.sha256:
+        raise RoundError(f"{path}: belongs to another commitment than {folder / COMMITMENT}")
+    if published.get("frames") != len(drawn.frames):
+        raise RoundError(f"{path}: states {published.get('frames')} frames, {COMMITMENT} {len(drawn.frames)}")
+    return str(published.get("set_sha256"))
+
+
 def frames_to_score(folder: Path, drawn: Drawn, truth: Path, packed: Path, later: bool) -> FrameSet:
     """Frames for solvers: images and circumstances from the set, truth from the private folder.
 
@@ -189,10 +212,7 @@ def frames_to_score(folder: Path, drawn: Drawn, truth: Path, packed: Path, later
     RoundError
         The set is not the one whose hash was published.
     """
-    published = read_json(folder / PACKED)
-    if published.get("commitment_sha256") != drawn.commitment.sha256:
-        raise RoundError(f"{folder / PACKED}: belongs to another commitment than {folder / COMMITMENT}")
-    if published.get("set_sha256") != set_sha256(packed):
+    if published_set(folder, drawn) != set_sha256(packed):
         raise RoundError(f"{packed}: is not the set that {folder / PACKED} states (another SHA-256); restore it")
     frames = read_frames(drawn.frames, truth, drawn.key)
     # Images are taken from the folder that holds no truth.
@@ -259,10 +279,13 @@ class Verified:
         Number of scenarios that were drawn again.
     rendered : int
         Number of frames that were rendered again, with the same image and truth.
+    whole_set : bool
+        Whether these were all frames, and make the set for solvers whose hash was published.
     """
 
     frames: int
     rendered: int
+    whole_set: bool
 
 
 def verify_round(folder: Path, render: int, progress: Progress = lambda frames: None) -> Verified:
@@ -273,7 +296,7 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
     folder : Path
         Folder of the round, without anything private.
     render : int
-        Number of frames to render, spread evenly; 0 for none.
+        Number of frames to render, spread evenly; 0 for none. All of them must also make the set for solvers.
     progress : callable
 
     Raises
@@ -299,14 +322,18 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
         # Another generator may read the same draw as another scenario, with a key more or another value of a preset.
         check_generator(drawn.commitment.terms)
         raise RoundError(f"{path}: lists other frames than its secret draws")
-    chosen = (
-        [drawn.frames[i * len(drawn.frames) // render] for i in range(min(render, len(drawn.frames)))] if render else []
-    )
+    published = published_set(folder, drawn)
+    n_chosen = min(render, len(drawn.frames))
+    chosen = [drawn.frames[i * len(drawn.frames) // n_chosen] for i in range(n_chosen)]
+    whole = n_chosen == len(drawn.frames)
     if chosen:
         check_generator(drawn.commitment.terms)
         with tempfile.TemporaryDirectory(prefix="skybench-round-") as scratch:
-            render_frames(chosen, Path(scratch), 1, progress)
-            made = check_different(read_frames(chosen, Path(scratch), drawn.key))
+            truth, packed = Path(scratch) / "truth", Path(scratch) / "set"
+            render_frames(chosen, truth, 1, progress)
+            frames = read_frames(chosen, truth, drawn.key)
+            made = check_different(frames)
+            remade = _write_set(frames, packed) if whole else published
         stated = {one["name"]: FrameIdentity(one.get("image_sha256"), one.get("truth_sha256")) for one in listed}
         for name, identity in made.items():
             if stated[name] != identity:
@@ -314,4 +341,6 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
                     f"{path}: frame {name} is another one when it is rendered again (another SHA-256); "
                     "skybench doctor says whether this machine computes as most do"
                 )
-    return Verified(len(scenarios), len(chosen))
+        if remade != published:
+            raise RoundError(f"{folder / PACKED}: states another SHA-256 than that of the set which the frames make")
+    return Verified(len(scenarios), len(chosen), whole)

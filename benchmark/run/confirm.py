@@ -1,8 +1,8 @@
 """Results that stay valid under another revision of the generator, because it renders the same frames to the byte.
 
 A revision is a digest of code, so it also changes with code that does not affect a task's frames. The frames themselves
-decide: where image and truth of each frame have the SHA-256 that the results state, the results hold for today's frames and
-are marked accordingly.
+decide: where image and truth of each frame have the SHA-256 that the results state, the results hold for today's frames, are
+marked accordingly, and get the circumstances that today's records state.
 
 The same is done for results of a task that has gained conditions since, once results of the new conditions alone complete
 them.
@@ -14,19 +14,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
+
 from benchmark.errors import ResultsError
 from benchmark.frames.dataset import Frame
-from benchmark.frames.frame_set import FrameFacts, FrameSet
+from benchmark.frames.frame_set import FrameSet
 from benchmark.frames.identity import FrameIdentity, identity_of
 from benchmark.run.completed import completed, remove_used, results_alone
 from benchmark.run.identities import identities_in
 from benchmark.run.packed import PackedRow, read_packed
 from benchmark.run.packing import write_packed
 from benchmark.run.provenance import read_provenance, result_key
+from benchmark.run.result_tables import condition_values
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ def confirm(root: Path, today: FrameSet, earlier: Mapping[str, int] | None = Non
     """
     listing = packed_listing(root, today.facts.place)
     rows = read_packed(listing)
-    older: list[PackedRow] = []
+    older: dict[int, PackedRow] = {}
     lacking: list[str] = []
     kept: list[PackedRow] = []
     used: defaultdict[Path, list[PackedRow]] = defaultdict(list)
@@ -103,16 +106,18 @@ def confirm(root: Path, today: FrameSet, earlier: Mapping[str, int] | None = Non
             whole = completed(row, list(alone.values()), today.facts)
             for place, one in alone.items():
                 used[place].append(one)
-        older.append(whole)
-        kept.append(_confirmed(listing, whole, today.facts))
+        older[len(kept)] = whole
+        kept.append(whole)
     if older:
-        _check(listing, older, today.frames)
+        _check(listing, older.values(), today.frames)
+        for number, whole in older.items():
+            kept[number] = _confirmed(listing, whole, today)
         write_packed(listing, kept)
         remove_used(used)
-    return Confirmed(listing, len(today.frames), tuple(row.solver for row in older), tuple(lacking))
+    return Confirmed(listing, len(today.frames), tuple(row.solver for row in older.values()), tuple(lacking))
 
 
-def _check(listing: Path, rows: Sequence[PackedRow], frames: Sequence[Frame]) -> None:
+def _check(listing: Path, rows: Iterable[PackedRow], frames: Sequence[Frame]) -> None:
     """Raise an error for results that are not of these frames."""
     here = {frame.frame_id: identity_of(frame) for frame in frames}
     for row in rows:
@@ -143,15 +148,26 @@ def _differs(stated: FrameIdentity, here: FrameIdentity) -> str:
     return f"another {' and '.join(parts)}"
 
 
-def _confirmed(listing: Path, row: PackedRow, today: FrameFacts) -> PackedRow:
-    source = read_provenance(row.provenance)
-    if source.frames.definition_sha256 != today.definition_sha256:
+def _confirmed(listing: Path, row: PackedRow, today: FrameSet) -> PackedRow:
+    facts, source = today.facts, read_provenance(row.provenance)
+    if source.frames.definition_sha256 != facts.definition_sha256:
         raise ResultsError(
-            f"{listing}: {row.solver} is of another definition of {today.label}; run it again with skybench bench boards"
+            f"{listing}: {row.solver} is of another definition of {facts.label}; run it again with skybench bench boards"
         )
     frames = dataclasses.replace(
-        source.frames, scenario_sha256=today.scenario_sha256, rendered_again_with=today.rendered_with
+        source.frames, scenario_sha256=facts.scenario_sha256, rendered_again_with=facts.rendered_with
     )
     key = result_key(row.solver, source.solver, frames)
     changed = dataclasses.replace(source, frames=frames, key=key)
-    return dataclasses.replace(row, key=key, provenance=dataclasses.asdict(changed))
+    table = _with_conditions(row.frames, today.frames)
+    return dataclasses.replace(row, key=key, provenance=dataclasses.asdict(changed), frames=table)
+
+
+def _with_conditions(table: pd.DataFrame, frames: Sequence[Frame]) -> pd.DataFrame:
+    """Replace circumstances by today's, without which no later result could be packed beside this one."""
+    found = pd.DataFrame(
+        [condition_values(frame.conditions) for frame in frames], index=[frame.frame_id for frame in frames]
+    )
+    told = found.reindex(table["frame_id"]).set_index(table.index)
+    names = [name for name in found.columns if name in table]
+    return table.assign(**{name: told[name].astype(table[name].dtype) for name in names})

@@ -8,6 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from benchmark.frames.conditions import FrameConditions
 from benchmark.judge.outcome import SolverOutcome
 from benchmark.stats.metrics import FrameScore
 
@@ -22,25 +23,38 @@ CONDITION_UNITS = {
     "altitude_deg": "deg",
     "roll_deg": "deg",
 }
-"""Circumstances that have a column of their own, with their units."""
+"""Circumstances that have a column of their own name, with their units."""
+
+
+def condition_values(conditions: FrameConditions) -> dict[str, float | int | None]:
+    """The circumstances of a frame, by the names of their columns."""
+    return {
+        "zenith_mag_arcsec2": conditions.zenith_mag_arcsec2,
+        "true_latitude_deg": conditions.latitude_deg,
+        "true_longitude_deg": conditions.longitude_deg,
+        "exposure_s": conditions.exposure_s,
+        "n_in_field": conditions.n_in_field,
+        **{name: finite(getattr(conditions, name)) for name in CONDITION_UNITS},
+    }
 
 
 def frame_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
     """One row per frame; every column's unit is in its field metadata."""
     scores = [outcome.score for outcome in outcomes]
     details = [outcome.details for outcome in outcomes]
+    true = [condition_values(d.conditions) for d in details]
     columns: list[tuple[str, Any, str, list[Any]]] = [
         ("frame_id", pa.string(), "", [s.frame_id for s in scores]),
         ("index", pa.int32(), "", [s.index for s in scores]),
         ("bortle", pa.int32(), "", [s.bortle for s in scores]),
         ("width_px", pa.int32(), "px", [s.width_px for s in scores]),
         ("height_px", pa.int32(), "px", [s.height_px for s in scores]),
-        ("zenith_mag_arcsec2", pa.float64(), "mag arcsec-2", [d.conditions.zenith_mag_arcsec2 for d in details]),
-        ("true_latitude_deg", pa.float64(), "deg", [d.conditions.latitude_deg for d in details]),
-        ("true_longitude_deg", pa.float64(), "deg", [d.conditions.longitude_deg for d in details]),
+        ("zenith_mag_arcsec2", pa.float64(), "mag arcsec-2", [one["zenith_mag_arcsec2"] for one in true]),
+        ("true_latitude_deg", pa.float64(), "deg", [one["true_latitude_deg"] for one in true]),
+        ("true_longitude_deg", pa.float64(), "deg", [one["true_longitude_deg"] for one in true]),
         ("utc_mid", pa.string(), "", [d.utc for d in details]),
-        ("exposure_s", pa.float64(), "s", [d.conditions.exposure_s for d in details]),
-        ("n_in_field", pa.int32(), "", [d.conditions.n_in_field for d in details]),
+        ("exposure_s", pa.float64(), "s", [one["exposure_s"] for one in true]),
+        ("n_in_field", pa.int32(), "", [one["n_in_field"] for one in true]),
         ("status", pa.string(), "", [s.status for s in scores]),
         ("reason", pa.string(), "", [s.reason for s in scores]),
         ("lat_deg", pa.float64(), "deg", [s.lat_deg for s in scores]),
@@ -62,10 +76,7 @@ def frame_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
         ("error_east_km", pa.float64(), "km", [finite(d.error_east_km) for d in details]),
         ("error_north_km", pa.float64(), "km", [finite(d.error_north_km) for d in details]),
         ("crlb_km", pa.float64(), "km", [finite(d.crlb_km) for d in details]),
-        *(
-            (name, pa.float64(), unit, [finite(getattr(d.conditions, name)) for d in details])
-            for name, unit in CONDITION_UNITS.items()
-        ),
+        *((name, pa.float64(), unit, [one[name] for one in true]) for name, unit in CONDITION_UNITS.items()),
         ("peak_memory_mib", pa.float64(), "MiB", [finite(d.peak_memory_mib) for d in details]),
         ("image_sha256", pa.string(), "", [d.identity.image_sha256 for d in details]),
         ("truth_sha256", pa.string(), "", [d.identity.truth_sha256 for d in details]),

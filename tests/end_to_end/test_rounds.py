@@ -160,6 +160,15 @@ def test_another_set_secret_or_beacon_is_refused(scored, tmp_path) -> None:
 def test_anyone_can_verify_an_opened_round(opened) -> None:
     words = skybench("verify", opened / "public" / "first", "--render", 1)
     assert f"{FRAMES} scenarios, 1 frames rendered again" in " ".join(words.split())
+    assert "make the set" not in words
+
+
+def test_all_frames_make_the_set_whose_hash_was_published(opened, tmp_path) -> None:
+    folder = shutil.copytree(opened / "public" / "first", tmp_path / "first", ignore=shutil.ignore_patterns("results"))
+    assert "which make the set that solvers got" in " ".join(skybench("verify", folder, "--render", 99).split())
+    text = (folder / "packed.json").read_text()
+    (folder / "packed.json").write_text(text.replace('"set_sha256": "', '"set_sha256": "0'))
+    assert "states another SHA-256" in " ".join(skybench("verify", folder, "--render", FRAMES, code=2).split())
 
 
 @pytest.mark.parametrize(
@@ -170,6 +179,8 @@ def test_anyone_can_verify_an_opened_round(opened) -> None:
         ("commitment.json", '"name": "first"', '"name": 5', "name"),
         ("commitment.json", "skybench-round/1", "skybench-round/0", "is not of the format"),
         ("rules.yaml", "share: 3", "share: 2", "are not the rules of"),
+        ("packed.json", '"commitment_sha256": "', '"commitment_sha256": "0', "belongs to another commitment"),
+        ("packed.json", '"frames": 4', '"frames": 3', "states 3 frames"),
         ("opened.json", '"secret": "8', '"secret": "7', "do not give the commitment"),
         ("opened.json", '"secret": "8', '"secret": "z', "is not hexadecimal"),
         ("opened.json", '"beacon": "c', '"beacon": "d', "other frames than its secret draws"),

@@ -202,4 +202,5 @@ def verify(
         return
     typer.echo(
         f"{folder}: as published: commitment, rules, {found.frames} scenarios, {found.rendered} frames rendered again"
+        + (", which make the set that solvers got" if found.whole_set else "")
     )

@@ -74,6 +74,20 @@ def test_results_of_the_same_frames_are_of_todays(folder, out):
     assert confirm(out, today).solvers == ()
 
 
+def test_results_get_the_circumstances_that_todays_records_state(folder, out):
+    before = {name: result.frames for name, result in stored(out).items()}
+    today = by_a_later_generator(folder)
+    frames = [
+        dataclasses.replace(one, conditions=dataclasses.replace(one.conditions, moon_altitude_deg=place - 7.25))
+        for place, one in enumerate(today.frames)
+    ]
+    confirm(out, FrameSet(today.facts, tuple(frames)))
+    altitude = {frame.frame_id: frame.conditions.moon_altitude_deg for frame in frames}
+    for name, result in stored(out).items():
+        assert result.frames.set_index("frame_id")["moon_altitude_deg"].to_dict() == altitude
+        assert result.frames.drop(columns="moon_altitude_deg").equals(before[name].drop(columns="moon_altitude_deg"))
+
+
 def change_the_image(folder):
     path = folder / "frame-00002.png"
     with Image.open(path) as picture:
