@@ -9,16 +9,15 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from generator.frame.exposure.readouts import readouts
 from generator.frame.landscape import frame_lamps, lamp_v_mag
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame
 from generator.frame.star_truth import StarTruth
 from generator.optics.psf import equivalent_sigma_px
-from generator.seeds import random_stream, unit_stream
 from generator.sensor.charge import ParticleTracks
 from generator.sensor.dark import HotPixels
 from generator.sensor.detector import cosmic_rays, defect_pixels, matched_filter_snr, streak_area_px
-from generator.sensor.effect import Exposure
 from generator.sensor.sunburn import burnt_pixels
 from generator.sky.moon_irradiance import moon_colours
 
@@ -87,7 +86,7 @@ def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     """Rows of flying objects and the Moon."""
     objects, moon = plan.objects, expected.moon
     lamps = frame_lamps(plan)
-    after = len(objects) + np.arange(len(lamps), dtype=np.int32)
+    after = plan.spec.foreground.first_lamp + np.arange(len(lamps), dtype=np.int32)
     number = np.concatenate([objects.number, after, np.full(len(moon.electrons), MOON_OBJECT)])
     kind = [*objects.kind, *["lamp"] * len(lamps), *["moon"] * len(moon.electrons)]
     lamp_mag = lamp_v_mag(plan, lamps) if lamps else np.zeros(0)
@@ -134,12 +133,12 @@ def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
 
 
 def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Rows of cosmic rays; the tracks are drawn from the same random stream as those in the image."""
+    """Rows of cosmic rays; the tracks are drawn from the same random streams as those in the image, or in its video."""
     rays = cosmic_rays(plan.spec.sensor)
     if rays is None:
         return OBJECT_SCHEMA.empty_table()
     camera = plan.spec.camera
-    tracks = rays.tracks(camera.width, camera.height, _exposure(plan))
+    tracks = ParticleTracks.together([rays.tracks(camera.width, camera.height, one) for one in readouts(plan)])
     inside, centroid, low, high = _within(tracks, camera.width, camera.height)
     electrons = tracks.electrons_e
     rows = np.flatnonzero(inside > 0)
@@ -170,43 +169,35 @@ def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     )  # fmt: skip
 
 
-def _exposure(plan: FramePlan) -> Exposure:
-    """Random streams of the sensor's effects in a frame."""
-    seed = plan.scenario.seed
-    return Exposure(
-        plan.spec.time.exposure_s,
-        lambda name: random_stream(seed, name, plan.index),
-        lambda name: unit_stream(seed, plan.spec.sensor.unit, name),
-        plan.start_s,
-    )
-
-
 def _defects(plan: FramePlan, expected: ExpectedFrame) -> Iterator[pa.Table]:
     """Rows of hot pixels, then of blinking ones, from the same random streams as in the image."""
-    camera, exposure = plan.spec.camera, _exposure(plan)
+    camera, exposures = plan.spec.camera, readouts(plan)
     for defect in defect_pixels(plan.spec.sensor):
-        pixels, excess_e_s = defect.excess_e_s((camera.height, camera.width), exposure)
-        electrons = excess_e_s.astype(np.float64) * exposure.exposure_s
+        steady = isinstance(defect, HotPixels)
+        drawn = [defect.excess_e_s((camera.height, camera.width), one) for one in exposures[: 1 if steady else None]]
+        pixels = drawn[0][0]
+        excess_e_s = np.stack([excess_e_s for _, excess_e_s in drawn]).mean(axis=0, dtype=np.float64)
+        electrons: Floats = excess_e_s * plan.spec.time.exposure_s
         place = _pixel_places(pixels, camera.width)
         snr = _snr(plan, expected, electrons, place, np.ones(len(pixels)))
-        kind = "hot_pixel" if isinstance(defect, HotPixels) else "blinking_pixel"
+        kind = "hot_pixel" if steady else "blinking_pixel"
         yield _pixels(plan, HOT_PIXEL_OBJECT, kind, place, electrons, snr)
 
 
 def _burnt(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     """Rows of the pixels burnt by the Sun: the charge that each retains in this frame, as negative electrons."""
-    sensor, exposure = plan.spec.sensor, _exposure(plan)
-    burnt = burnt_pixels(plan.lens, sensor, exposure.unit)
+    sensor, exposure_s = plan.spec.sensor, plan.spec.time.exposure_s
+    exposures = readouts(plan)
+    burnt = burnt_pixels(plan.lens, sensor, exposures[0].unit)
     if burnt is None:
         return OBJECT_SCHEMA.empty_table()
     light = expected.electrons.reshape(-1)[burnt.places].astype(np.float64)
-    dark = sensor.mean_dark_e_s * exposure.exposure_s
-    exposures = sensor.exposures(exposure.exposure_s)
-    charge = np.minimum((light + dark) / exposures, sensor.full_well_e)
-    lost = exposures * burnt.held_e(charge.astype(np.float32)).astype(np.float64)
+    dark = sensor.mean_dark_e_s * exposure_s
+    charge = np.minimum((light + dark) / len(exposures), sensor.full_well_e)
+    lost = len(exposures) * burnt.held_e(charge.astype(np.float32)).astype(np.float64)
     place = _pixel_places(burnt.places, plan.spec.camera.width)
     # The noise is that of the remaining charge.
-    snr = matched_filter_snr(lost, light - lost, 0.0, exposure.exposure_s, sensor, np.ones(len(lost)))
+    snr = matched_filter_snr(lost, light - lost, 0.0, exposure_s, sensor, np.ones(len(lost)))
     return _pixels(plan, BURNT_PIXEL_OBJECT, "burnt_pixel", place, -lost, snr)
 
 

@@ -30,7 +30,7 @@ from generator.places.astrometry import (
 )
 from generator.places.catalogue import StarCatalogue, load_catalogue
 from generator.places.catalogue_scatter import scattered
-from generator.places.ephemeris import planets
+from generator.places.ephemeris import PLANET_ID_BASE, planets
 from generator.places.horizon import LEVEL, Horizon, horizon_of
 from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant, earth_orientation
 from generator.places.tycho2 import load_with_tycho2
@@ -39,7 +39,7 @@ from generator.scenario.file import Scenario
 from generator.scenario.model import FrameSpec, LocalAtmosphereSpec
 from generator.scenario.sequences.sequence import Passage
 from generator.seeds import random_stream
-from generator.sky.clouds import CloudField
+from generator.sky.clouds import LEAST_TRANSMISSION, behind_cloud, level_or_up
 from generator.sky.state import SkyState, ThroughClouds, UnderClouds, sky_state
 
 Floats = NDArray[np.float64]
@@ -59,8 +59,6 @@ SKY_RATE_DEG_S = 15.05 / 3600
 """Rotation of the sky, rounded up."""
 FIELD_MARGIN_DEG = 2.5
 """Upper limit of the displacement of a star by refraction, aberration, and proper motion over a century."""
-LEAST_TRANSMISSION = 1e-30
-"""Least transmission of cloud: 75 magnitudes."""
 LARGEST_CHROMATIC_SHARE = 2.5
 """Longest shift of a wavelength band relative to the point spread function's lateral chromatic shift."""
 
@@ -147,7 +145,7 @@ class FramePlan:
     cloud_transmission : (n,) array
         Fraction of each star's light that passes through the cloud into its image, without a drawn aureole; 1 without cloud.
     scintillation : (n,) array
-        Factor on each star's light; 1 if scintillation is off.
+        Factor on each star's light; 1 for planets, and if scintillation is off.
     passage : Passage or None
         The frame's part of its sequence; None for an independent frame.
     horizon : Horizon
@@ -190,7 +188,7 @@ class FramePlan:
     @property
     def is_long(self) -> bool:
         """Whether light changes over the exposure, so that it is rendered in parts."""
-        return self.spec.time.exposure_s > LONGEST_LIGHT_S
+        return is_long(self.spec)
 
     @property
     def dimmed_v_mag(self) -> Floats:
@@ -212,6 +210,11 @@ class FramePlan:
     def frame_id(self) -> str:
         """Stem of the frame's files."""
         return f"frame-{self.index:05d}"
+
+
+def is_long(spec: FrameSpec) -> bool:
+    """Whether a frame's light changes over its exposure."""
+    return spec.time.exposure_s > LONGEST_LIGHT_S
 
 
 def plan_frame(scenario: Scenario, index: int) -> FramePlan:
@@ -260,7 +263,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         else:
             middle = observed_places(places, site, utc_mid, orientation, air)
         above_horizon = middle.enu[:, 2] > horizon.sine
-        if spec.time.exposure_s > LONGEST_LIGHT_S:
+        if is_long(spec):
             above_horizon |= np.any([moment.enu[:, 2] > horizon.sine for moment in path], axis=0)
         if above_horizon.all():
             return stars, middle, path
@@ -273,7 +276,9 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     scintillation = np.ones(len(stars))
     if spec.stars.scintillation:
         sigma = scintillation_sigma(spec.camera.aperture_mm, air_path, spec.time.exposure_s, spec.site.height_m)
-        scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
+        factors = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
+        # Planets are disks, over which scintillation averages out.
+        scintillation = np.where(stars.star_id < PLANET_ID_BASE, factors, 1.0)
     watch = Watch(
         start=utc_start,
         shutter_s=spec.shutter_s,
@@ -284,11 +289,12 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         seed=scenario.seed,
         sun=true_equator_of_date(sky.sun_icrs, utc_mid),
         dims=dimming_atmosphere(spec.atmosphere),
+        clouds=sky.clouds,
     )
     objects = plan_objects(spec.foreground, watch)
-    if spec.foreground.glints is not None:
+    if (glints := spec.foreground.glints) is not None:
         rng = random_stream(scenario.seed, "glints", index)
-        objects = joined([objects, plan_glints(spec.foreground.glints, spec.camera, motion.R_mid, objects, rng)])
+        objects = joined([objects, plan_glints(glints, spec.camera, motion.R_mid, spec.foreground.flying_count, rng)])
     depth, transmission = np.zeros(len(stars)), np.ones(len(stars))
     if sky.clouds is not None:
         depth, transmission = sky.clouds.depth_and_transmission(level_or_up(middle.enu))
@@ -339,19 +345,11 @@ def _lights(
     """Stars as points of light, dimmed by cloud; they do not scintillate."""
     return PointLights.in_the_open(
         np.stack([places.enu for places in path], axis=1),
-        behind_cloud(stars.v_mag, sky.clouds, middle),
+        behind_cloud(stars.v_mag, sky.clouds, middle.enu),
         stars.bv_mag,
         stars.vi_mag,
         airmass_above(horizon, middle.altitude_deg) if extinction else np.zeros(len(stars)),
     )
-
-
-def behind_cloud(v_mag: Floats, clouds: CloudField | None, places: ApparentPlaces) -> Floats:
-    """V of n stars behind cloud."""
-    if clouds is None:
-        return v_mag
-    passed = clouds.point_transmission(level_or_up(places.enu))
-    return v_mag - 2.5 * np.log10(np.maximum(passed, LEAST_TRANSMISSION))
 
 
 def airmass_to(horizon: Horizon, altitude_deg: Floats) -> Floats:
@@ -362,11 +360,6 @@ def airmass_to(horizon: Horizon, altitude_deg: Floats) -> Floats:
 def airmass_above(horizon: Horizon, altitude_deg: Floats) -> Floats:
     """Relative airmass at apparent altitudes, below the horizon that of the horizon."""
     return airmass_to(horizon, np.maximum(altitude_deg, horizon.altitude_deg))
-
-
-def level_or_up(enu: Floats) -> Floats:
-    """Replace directions (n, 3) below the horizontal by horizontal ones, because cloud is above the camera."""
-    return enu * np.array([1.0, 1.0, 0.0]) + np.maximum(enu * np.array([0.0, 0.0, 1.0]), 0)
 
 
 def under_clouds(spec: FrameSpec, utc_mid: Instant, passage: Passage | None) -> UnderClouds:
@@ -400,7 +393,7 @@ def _stars_around(
     catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
     boresight = motion.R_mid[2]
     turned = np.degrees(np.arccos(np.clip(motion.R_cam[:, 2] @ boresight, -1, 1))).max()
-    risen_deg = spec.shutter_s / 2 * SKY_RATE_DEG_S if spec.time.exposure_s > LONGEST_LIGHT_S else 0.0
+    risen_deg = spec.shutter_s / 2 * SKY_RATE_DEG_S if is_long(spec) else 0.0
     field_deg = field_radius_deg(spec.camera) + turned + spec.shutter_s * SKY_RATE_DEG_S + FIELD_MARGIN_DEG
     parts = [catalogue]
     if spec.stars.planets:

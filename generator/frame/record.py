@@ -32,6 +32,8 @@ from generator.sensor.detector import matched_filter_snr, saturation_e
 LARGEST_8_BIT = 255
 VISIBLE_SNR = 5.0
 """Any detector finds a star with this signal-to-noise ratio."""
+CORNERS_PER_PX = 16
+"""Steps per pixel of the least and greatest places of a star's light, which compress well in the table."""
 LEAST_LIGHT_E = 5.0
 """Electrons on the sensor from which a star is listed whose place at mid-exposure is far outside the frame."""
 
@@ -307,6 +309,9 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
             expected.centroid_px, expected.light_px, expected.start_px, expected.end_px, expected.low_px, expected.high_px
         )
     )  # fmt: skip
+    # Rounded outwards, so that the range still contains all places.
+    low = [np.floor(place * CORNERS_PER_PX) / CORNERS_PER_PX for place in low]
+    high = [np.ceil(place * CORNERS_PER_PX) / CORNERS_PER_PX for place in high]
     saturating_e = saturation_e(sensor, spec.time.exposure_s) - sensor.mean_dark_e_s * spec.time.exposure_s
     places = plan.middle[rows]
     columns = {

@@ -18,6 +18,7 @@ from PIL import Image
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame.exposure.expected import render_expected
+from generator.frame.exposure.readouts import readouts
 from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame
@@ -28,7 +29,7 @@ from generator.frame.video.take import take_video
 from generator.scenario.file import Scenario
 from generator.scenario.model import pointing_of
 from generator.scenario.processing.develop_spec import PhotoSpec
-from generator.seeds import random_stream, unit_stream
+from generator.seeds import random_stream
 from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
@@ -91,19 +92,9 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
         taken = take_video(plan, plan.spec.sensor.video)
         return RenderedFrame(plan, expected, taken.image, stars, objects, attached=taken.files)
     sensor = plan.spec.sensor
-
-    def unit(name: str) -> np.random.Generator:
-        return unit_stream(scenario.seed, sensor.unit, name)
-
-    dn = expose(
-        expected.electrons,
-        plan.spec.time.exposure_s,
-        sensor,
-        lambda name: random_stream(scenario.seed, name, index),
-        unit,
-        plan.start_s,
-        burnt_pixels(plan.lens, sensor, unit),
-    )
+    (exposure,) = readouts(plan)
+    burnt = burnt_pixels(plan.lens, sensor, exposure.unit)
+    dn = expose(expected.electrons, exposure.exposure_s, sensor, exposure.frame, exposure.unit, exposure.start_s, burnt)
     developed = None if sensor.develop is None else develop(dn, sensor)
     hud = None
     if sensor.hud:

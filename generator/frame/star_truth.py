@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -44,6 +45,11 @@ class LitMoments:
     def none(cls) -> LitMoments:
         """Return no moments."""
         return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+
+    @classmethod
+    def together(cls, parts: Sequence[LitMoments]) -> LitMoments:
+        """Return the moments of all parts of an exposure, whose stars have common indices."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 @dataclass(frozen=True)

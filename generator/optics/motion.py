@@ -143,13 +143,33 @@ def vibration(part: VibrationSpec, time_s: Floats, random: np.random.Generator) 
     span = max(time_s[-1] - time_s[0], 1e-6)
     # The tones are closer than the time's own resolution, so that the process does not repeat within it.
     count = int(np.clip(np.ceil((frequency[-1] - frequency[0]) * span * 4), 64, MOST_TONES))
-    edges = np.linspace(frequency[0], frequency[-1], count + 1)
-    tones, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
-    power = np.interp(tones, frequency, density) * width
+    tones, power = _tones(frequency, density, count)
     # Normal sine and cosine amplitudes are equivalent to Rayleigh amplitudes and uniform phases.
     cosine, sine = random.normal(size=(2, count)) * np.sqrt(power)
     phase = 2 * np.pi * np.outer(time_s, tones)
     return np.cos(phase) @ cosine + np.sin(phase) @ sine
+
+
+def _tones(frequency: Floats, density: Floats, count: int) -> tuple[Floats, Floats]:
+    """Frequencies and powers (count,) of tones that stand for equal bins of a density, which is linear between its points.
+
+    The power is the density's integral over the bin, and the frequency the bin's centroid, so that a line that is
+    narrower than a bin has all of its power.
+    """
+    edges = np.linspace(frequency[0], frequency[-1], count + 1)
+    middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+    # Integrals of the deviation from the value in the middle of the bin are exactly zero for a constant density.
+    level = np.interp(middle, frequency, density)
+    knots = np.unique(np.concatenate([edges, frequency]))
+    owner = np.clip(np.searchsorted(edges, knots[:-1], side="right") - 1, 0, count - 1)
+    step, value = np.diff(knots), np.interp(knots, frequency, density)
+    left, right = value[:-1] - level[owner], value[1:] - level[owner]
+    before, after = knots[:-1] - middle[owner], knots[1:] - middle[owner]
+    excess = np.bincount(owner, step * (left + right) / 2, count)
+    moment = np.bincount(owner, step * (left * (2 * before + after) + right * (before + 2 * after)) / 6, count)
+    power = np.maximum(level * width + excess, 0)
+    shift = np.divide(moment, power, out=np.zeros(count), where=power > 0)
+    return middle + np.clip(shift, -width / 2, width / 2), power
 
 
 def gimbal_jitter(gimbal: GimbalSpec, time_s: Floats, random: np.random.Generator) -> Floats:

@@ -36,6 +36,11 @@ def contradictions(spec: FrameSpec) -> tuple[str, ...]:
                 f"sky.{key}: makes no sky brighter without air that scatters city light (atmosphere.pressure_hpa and "
                 f"atmosphere.aerosol_tau_550 are 0); raise one of them, or leave {key} out"
             )
+        elif key != "cities" and sky.cities == ():
+            found.append(
+                f"sky.cities: an empty list leaves no lamps that make the sky as bright as {key} says; "
+                f"name a city, or leave cities out for the usual ones, or {key} for a natural sky"
+            )
     glare, lit = spec.camera.veiling_glare, mean_illumination(spec.camera)
     if glare and lit < LEAST_ILLUMINATION:
         found.append(

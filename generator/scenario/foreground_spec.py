@@ -166,8 +166,13 @@ class ShellSpec(Strict):
     planes: Annotated[int, Field(ge=1, le=200)] = 72
     per_plane: Annotated[int, Field(ge=1, le=200)] = 22
     v_mag_1000_km: Annotated[float, Field(ge=-5, le=15)] = 7.2
-    """V at a distance of 1000 km above the atmosphere; dimmed by the air and by the square of the distance."""
+    """V at a distance of 1000 km above the atmosphere; dimmed by air, cloud and the square of the distance."""
     bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+    @property
+    def count(self) -> int:
+        """Number of satellites."""
+        return self.planes * self.per_plane
 
 
 class GlintsSpec(Strict):
@@ -203,6 +208,17 @@ class ForegroundSpec(Strict):
     # Excluded from the scenario's hash unless given, as if the key did not exist.
     glints: GlintsSpec | None = Field(default=None, exclude_if=lambda glints: glints is None)
     """False stars."""
+
+    @property
+    def flying_count(self) -> int:
+        """Number of trails and satellites, those of trains and shells included, whether they are seen or not."""
+        in_trains, in_shells = sum(train.count for train in self.trains), sum(shell.count for shell in self.shells)
+        return len(self.trails) + len(self.satellites) + in_trains + in_shells
+
+    @property
+    def first_lamp(self) -> int:
+        """Number of the first lamp in the table of objects, after the flying objects and the false stars."""
+        return self.flying_count + (0 if self.glints is None else self.glints.count)
 
     @property
     def hides_sky(self) -> bool:

@@ -44,7 +44,7 @@ class GimbalSpec(Strict):
 
 
 class ImuSpec(Strict):
-    """The gyroscope whose reading goes into the frame record."""
+    """The gyroscope whose reading goes into the frame record, against east-north-up: without the Earth's rotation."""
 
     rate_hz: Annotated[float, Field(gt=0, le=1e4)] = 200.0
     """Readings per second."""
@@ -70,7 +70,8 @@ class MotionSpec(Strict):
     vibration: Annotated[tuple[VibrationSpec, ...], Field(max_length=30), BeforeValidator(listed)] = ()
     gimbal: GimbalSpec | None = None
     gyro_log: File | None = None
-    """CSV with the columns t (s from the start of the exposure), wx, wy, wz (deg/s)."""
+    """CSV with the columns t (s from the start of the exposure), wx, wy, wz (deg/s), against east-north-up: a real log
+    contains the Earth's rotation, which must be subtracted."""
     samples: Annotated[int, Field(ge=2, le=4096)] = 32
     """Number of attitude samples, evenly spaced over the exposure."""
     imu: ImuSpec | None = None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,11 @@ class ParticleTracks:
     angle_rad: NDArray[np.float64]
     length_px: NDArray[np.float64]
     charge_e_px: NDArray[np.float64]
+
+    @classmethod
+    def together(cls, parts: Sequence[ParticleTracks]) -> ParticleTracks:
+        """Return the tracks of several exposures."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
     @property
     def start_px(self) -> NDArray[np.float64]:

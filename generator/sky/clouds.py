@@ -26,6 +26,8 @@ the fine tile of 6.4 km."""
 SWEPT_STEP_KM = 0.1
 """Distance that the wind covers between two moments of an exposure at which the cloud is evaluated: ten pixels of a wide
 camera at 2 km."""
+LEAST_TRANSMISSION = 1e-30
+"""Least transmission of cloud: 75 magnitudes."""
 MOST_MOMENTS = 6
 """Limits the time of a frame with fast cloud."""
 MEAN_STEP = 0.01
@@ -215,6 +217,19 @@ class CloudVeil:
         asymmetry = self.clouds.asymmetry
         passed = [diffuse_transmission(still.slant_depth(enu), asymmetry) for still in self.clouds.moments]
         return np.asarray(np.mean(passed, axis=0))
+
+
+def level_or_up(enu: Floats) -> Floats:
+    """Replace directions (n, 3) below the horizontal by horizontal ones, because cloud is above the camera."""
+    return enu * np.array([1.0, 1.0, 0.0]) + np.maximum(enu * np.array([0.0, 0.0, 1.0]), 0)
+
+
+def behind_cloud(v_mag: Floats, clouds: CloudField | None, enu: Floats) -> Floats:
+    """V of n points of light behind cloud, in directions (n, 3)."""
+    if clouds is None:
+        return v_mag
+    passed = clouds.point_transmission(level_or_up(enu))
+    return v_mag - 2.5 * np.log10(np.maximum(passed, LEAST_TRANSMISSION))
 
 
 def gaussian_tile(

@@ -1,4 +1,4 @@
-"""The Sun's spectrum, used for zodiacal light, moonlight and planets."""
+"""The Sun's colours, and its spectrum for zodiacal light. Planets have spectra of stars (generator.places.ephemeris)."""
 
 from __future__ import annotations
 

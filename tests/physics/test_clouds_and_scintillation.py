@@ -4,7 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.ndimage import gaussian_filter
+from scipy.special import j1
 from small_scenes import small_scenario
 
 from generator import plugins
@@ -12,8 +14,9 @@ from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers
 from generator.light.disk_scattering import disk_irradiance
-from generator.light.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
+from generator.light.scintillation import scintillation_factors, scintillation_sigma
 from generator.light.vision import naked_eye_limit
+from generator.places.ephemeris import PLANET_ID_BASE
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
 from generator.sky.cloud_light import coarse_axes, light_from_city
@@ -155,13 +158,55 @@ def test_diffuse_transmission_is_bohren_s() -> None:
     assert float(diffuse_transmission(0.0)) == 1.0
 
 
-@pytest.mark.parametrize(
-    ("aperture_mm", "height_m", "exposure_s", "young"),
-    [(20, 0, 0.1, 0.127), (50, 2500, 0.1, 0.050), (25, 0, 1.0, 0.035)],
-)
-def test_scintillation_of_young_1967(aperture_mm, height_m, exposure_s, young) -> None:
-    sigma = float(scintillation_sigma(aperture_mm, 1.0, exposure_s, height_m))
-    assert sigma == pytest.approx(young / np.sqrt(1 + (young / SATURATION_SIGMA) ** 2), rel=0.03)
+@pytest.mark.parametrize("aperture_mm", [500, 1000, 4000])
+@pytest.mark.parametrize(("height_m", "exposure_s"), [(0, 0.1), (2500, 10)])
+def test_scintillation_of_large_apertures_is_young_s(aperture_mm, height_m, exposure_s) -> None:
+    """Young 1967: 0.09 D^(-2/3) exp(-h / 8 km) (2 t)^(-1/2), D in cm."""
+    young = 0.09 * (aperture_mm / 10) ** (-2 / 3) * np.exp(-height_m / 8000) / np.sqrt(2 * exposure_s)
+    assert float(scintillation_sigma(aperture_mm, 1.0, exposure_s, height_m)) == pytest.approx(young, rel=0.02)
+
+
+def layer_variance(diameter_m, distance_m):
+    """Integral of f^(-11/3) sin^2(pi lambda h f^2) (2 J1(pi D f) / (pi D f))^2 over frequencies f across the wind."""
+
+    def density(x):
+        # x = sqrt(lambda h) f. The aperture's factor of a small lens is 1 until the power is spent.
+        argument = np.pi * diameter_m / fresnel * x
+        return x ** (-11 / 3) * np.sin(np.pi * x**2) ** 2 * (2 * j1(argument) / argument) ** 2
+
+    fresnel = np.sqrt(550e-9 * distance_m)
+    pieces = np.sqrt(np.arange(0, 61) / 2)
+    return fresnel ** (8 / 3) * sum(quad(density, *ends, limit=200)[0] for ends in itertools.pairwise(pieces))
+
+
+@pytest.mark.parametrize("airmass", [1.0, 4.0])
+@pytest.mark.parametrize("aperture_mm", [3, 4.5, 6, 20, 70, 300])
+def test_scintillation_of_small_apertures_is_that_of_a_layer(aperture_mm, airmass) -> None:
+    """Tatarskii's spectrum for a layer 10 km above the site, relative to an aperture of 1 m, for which Young's law holds; in
+    exposures so long that no limit matters."""
+    ours = [float(scintillation_sigma(mm, airmass, 1e6, 0.0)) for mm in (aperture_mm, 1000 * np.sqrt(airmass))]
+    theory = [layer_variance(mm / 1000, 10_000 * airmass) for mm in (aperture_mm, 1000 * np.sqrt(airmass))]
+    assert ours[0] / ours[1] == pytest.approx(np.sqrt(theory[0] / theory[1]), rel=0.07)
+
+
+def test_scintillation_of_small_apertures_by_airmass() -> None:
+    """X^(1.75 - 1/3): the Fresnel scale grows with the distance of the layer."""
+    one, four = (float(scintillation_sigma(4.0, airmass, 1e6, 0.0)) for airmass in (1.0, 4.0))
+    assert four / one == pytest.approx(4 ** (1.75 - 1 / 3), rel=0.01)
+
+
+def test_planets_do_not_scintillate_and_leave_the_stars_factors_alone() -> None:
+    """Jupiter and Mars are up on 2022 December 8; each star keeps its own draw."""
+    sky = {"time__utc_start": "2022-12-08T20:00:00Z", "camera__hfov_deg": 150}
+    plans = [
+        plan_frame(small_scenario(**sky, stars={"limiting_magnitude": 4, "scintillation": True, "planets": planets}), 0)
+        for planets in (True, False)
+    ]
+    planet = plans[0].stars.star_id >= PLANET_ID_BASE
+    assert planet.sum() >= 2
+    assert (plans[0].scintillation[planet] == 1).all()
+    np.testing.assert_array_equal(plans[0].scintillation[~planet], plans[1].scintillation)
+    assert (plans[1].scintillation != 1).all()
 
 
 def test_scintillation_saturates_and_keeps_the_mean() -> None:
@@ -176,7 +221,7 @@ def test_scintillation_is_off_unless_asked_for_and_in_the_truth() -> None:
     assert (still.scintillation == 1).all()
     scenario = small_scenario(stars={"limiting_magnitude": 4.0, "scintillation": True})
     lively = plan_frame(scenario, 0)
-    assert lively.scintillation.std() > 0.05
+    assert lively.scintillation.std() > 0.03
     np.testing.assert_array_equal(lively.scintillation, plan_frame(scenario, 0).scintillation)
     ratio = render_expected(lively).star_electrons / render_expected(still).star_electrons
     np.testing.assert_allclose(ratio, lively.scintillation, rtol=2e-4)

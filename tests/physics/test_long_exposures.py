@@ -13,6 +13,7 @@ from generator.errors import GeneratorError
 from generator.frame.exposure.expected import render_expected
 from generator.frame.exposure.parts import part_count
 from generator.frame.plan import LONGEST_LIGHT_S, FramePlan, plan_frame
+from generator.frame.record import star_table
 from generator.frame.scene import ExpectedFrame, render_under_one_sky
 from generator.frame.star_truth import StarTruth
 from generator.places.times import Instant
@@ -139,7 +140,24 @@ def test_parts_are_the_whole_where_light_does_not_change(kind: str) -> None:
         np.testing.assert_allclose(getattr(parts, name)[clear], getattr(whole, name)[clear], atol=0.02, err_msg=name)
     np.testing.assert_allclose(parts.star_electrons[clear], whole.star_electrons[clear], rtol=0.02)
     assert np.abs(parts.hidden_fraction - whole.hidden_fraction)[inside].mean() < 0.01
+    for name in ("low_px", "high_px"):
+        np.testing.assert_allclose(getattr(parts, name)[clear], getattr(whole, name)[clear], atol=0.2, err_msg=name)
     for field in fields(StarTruth):
         np.testing.assert_array_equal(getattr(parts.objects, field.name), getattr(whole.objects, field.name))
     if whole.cover is not None and parts.cover is not None:
         np.testing.assert_allclose(parts.cover, whole.cover, atol=1e-6)
+
+
+def test_a_star_that_fills_pixels_in_a_later_part_is_saturated() -> None:
+    """A camera that turns by 30 deg: stars that enter the frame after the first of five parts, and fill pixels then."""
+    turning = {"motion": {"rate_deg_s": [0.0, 0.05, 0.0], "samples": 61}, "sensor": {"full_well_e": 2000}}
+    plan = exposed(EVENING, 600.0, **(CONSTANT | turning))
+    parts, whole = render_expected(plan), render_under_one_sky(plan)
+    by_parts, at_once = star_table(plan, parts), star_table(plan, whole)
+    assert by_parts["star_id"].equals(at_once["star_id"])
+    saturated, wanted = (table["saturated"].to_numpy() for table in (by_parts, at_once))
+    start_u = by_parts["start_u_px"].to_numpy()
+    late = wanted & ((start_u < -20) | (start_u > 180))
+    assert late.sum() > 5
+    assert saturated[late].all()
+    assert (saturated == wanted).mean() > 0.97

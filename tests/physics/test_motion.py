@@ -173,6 +173,40 @@ def test_vibration_s_spectrum_is_recovered_from_the_attitude() -> None:
     assert draws.var() == pytest.approx(20 * 2.5e-6 + 30 * 2.5e-6, rel=0.05)
 
 
+@pytest.mark.parametrize("centre_hz", [20.0, 20.1, 33.333, 47.61, 59.9])
+@pytest.mark.parametrize("width_hz", [0.02, 2.0])
+def test_a_narrow_line_of_vibration_has_its_power(centre_hz, width_hz) -> None:
+    """A triangular line has half its width times its height, whatever bin it falls into; over 600 draws within 4 standard
+    errors of a single tone's, and all of it at its frequency."""
+    half = width_hz / 2
+    psd = ((5.0, 0.0), (centre_hz - half, 0.0), (centre_hz, 1e-2), (centre_hz + half, 0.0), (80.0, 0.0))
+    part = VibrationSpec(axis="y", psd_deg2_hz=psd)
+    time = np.linspace(0, 0.4, 64)
+    draws = np.array([vibration(part, time, random_stream(2, "line", n)) for n in range(600)])
+    exact = half * 1e-2
+    power = (draws**2).mean(axis=1)
+    assert power.mean() == pytest.approx(exact, abs=4 * power.std() / np.sqrt(600) + 1e-9)
+    assert power.std() / np.sqrt(600) < 0.05 * exact
+    if width_hz < 1:
+        phase = 2 * np.pi * centre_hz * time
+        tone = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        left = draws.T - tone @ np.linalg.lstsq(tone, draws.T, rcond=None)[0]
+        assert (left**2).mean() < 1e-3 * exact
+
+
+def test_white_vibration_has_equal_tones_in_the_middle_of_equal_bins() -> None:
+    """To the bit: frames of the benchmark have white vibration."""
+    part = VibrationSpec(axis="x", psd_deg2_hz=((5.0, 1e-4), (25.0, 1e-4)))
+    time = np.linspace(0, 0.3, 32)
+    edges = np.linspace(5.0, 25.0, 65)
+    tones, power = (edges[1:] + edges[:-1]) / 2, 1e-4 * np.diff(edges)
+    cosine, sine = random_stream(4, "white", 0).normal(size=(2, 64)) * np.sqrt(power)
+    phase = 2 * np.pi * np.outer(time, tones)
+    np.testing.assert_array_equal(
+        vibration(part, time, random_stream(4, "white", 0)), np.cos(phase) @ cosine + np.sin(phase) @ sine
+    )
+
+
 def test_vibration_reaches_the_attitude_samples() -> None:
     """The angles between nominal and sampled attitudes are the process itself, about its axis."""
     vibrating = {"vibration": [{"axis": "x", "psd_deg2_hz": [[5.0, 1e-3], [20.0, 1e-3]]}], "samples": 64}

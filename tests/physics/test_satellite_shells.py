@@ -6,10 +6,13 @@ from sgp4.api import WGS72, Satrec
 from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
+from generator.frame.exposure.expected import render_expected
 from generator.frame.flying.planning import plan_objects
+from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
 from generator.places.satellite_shells import EQUATORIAL_KM, Shell, sunlit
 
+NORTH = {"azimuth_deg": 0.0, "altitude_deg": 20.0}
 TRAIN = {
     "start": {"azimuth_deg": 90.0, "altitude_deg": 60.0}, "end": {"azimuth_deg": 90.0, "altitude_deg": 70.0},
     "end_s": 20.0, "count": 5, "gap_s": 4.0, "v_mag": 3.0,
@@ -104,6 +107,41 @@ def test_satellites_of_a_shell_are_seen_in_the_evening_and_not_at_midnight() -> 
     assert plan.objects.v_mag.min() > 7.2 + 5 * np.log10(0.55)
     other = plan_frame(small_scenario(foreground=shells, time__utc_start="2020-01-15T17:00:00Z", seed=8), 0)
     assert not np.array_equal(plan.objects.number, other.objects.number)
+
+
+def test_cloud_dims_the_satellites_of_shells() -> None:
+    """Each by the cloud's transmission in the middle of its path; without it they are as under a clear sky."""
+    evening = {"foreground": {"shells": [{}]}, "time__utc_start": "2020-01-15T17:00:00Z"}
+    clear = plan_frame(small_scenario(**evening), 0)
+    cloudy = plan_frame(small_scenario(**evening, sky={"clouds": {"mean_optical_depth": 1.0, "coverage": 0.7}}), 0)
+    assert cloudy.sky.clouds is not None
+    middle = cloudy.objects.directions[:, cloudy.objects.directions.shape[1] // 2]
+    wanted = -2.5 * np.log10(cloudy.sky.clouds.point_transmission(middle))
+    np.testing.assert_allclose(cloudy.objects.v_mag - clear.objects.v_mag, wanted, atol=1e-9)
+    assert wanted.max() > 1
+    assert wanted.min() < 0.1
+
+
+def test_numbers_of_false_stars_and_lamps_follow_all_satellites_of_shells() -> None:
+    """Seen or not: one number denotes the same lamp in the evening and at midnight, and nothing else."""
+    lamp = {"azimuth_deg": 0.0, "altitude_deg": 5.0, "distance_m": 100.0, "intensity_cd": 100.0, "kind": "LED"}
+    foreground = {
+        "trains": [TRAIN],
+        "shells": [{}, {"planes": 2, "per_plane": 3}],
+        "glints": {"count": 4},
+        "lamps": [lamp],
+    }
+    first = 5 + 72 * 22 + 6
+    for hour in ("17:00", "23:40"):
+        utc = f"2020-01-15T{hour}:00Z"
+        scene = {"foreground": foreground, "time__utc_start": utc, "attitude": NORTH, "stars__planets": False}
+        plan = plan_frame(small_scenario(**scene), 0)
+        glints = plan.objects.number[np.array(plan.objects.kind) == "glint"]
+        assert glints.tolist() == [first, first + 1, first + 2, first + 3]
+        table = object_table(plan, render_expected(plan))
+        lamps = [row["object"] for row in table.to_pylist() if row["kind"] == "lamp"]
+        assert lamps == [first + 4]
+        assert len(set(plan.objects.number.tolist())) == len(plan.objects)
 
 
 def test_a_train_s_satellites_follow_each_other() -> None:

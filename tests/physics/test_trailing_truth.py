@@ -1,10 +1,12 @@
 """Truth of stars that trail: which are listed, which saturate, and how far their light reaches."""
 
+import io
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from small_scenes import small_scenario
 
@@ -78,3 +80,28 @@ def test_boxes_hold_the_light_of_a_camera_that_swings(motion: dict[str, Any]) ->
         covered[int(top) : int(np.ceil(bottom)), int(left) : int(np.ceil(right))] = True
     assert expected.electrons[covered].sum(dtype=float) > 0.97 * expected.electrons.sum(dtype=float)
     assert len(outlines(found, 480, 360)) == len(found)
+
+
+def test_corners_are_rounded_outwards_to_sixteenths_and_compress() -> None:
+    """The range contains the star's ends and is at most a sixteenth wider; the columns take less room."""
+    plan, expected, table = rendered(**SWING, stars={"limiting_magnitude": 6.0})
+    for name in ("low_u_px", "low_v_px", "high_u_px", "high_v_px"):
+        steps = table[name].to_numpy().astype(float) * 16
+        np.testing.assert_array_equal(steps, np.rint(steps))
+    row_of = {star: row for row, star in enumerate(plan.stars.star_id.tolist())}
+    rows = [row_of[star] for star in table["star_id"].to_pylist()]
+    for name, exact, outwards in (("low", expected.low_px[rows], -1), ("high", expected.high_px[rows], 1)):
+        stated = np.stack([table[f"{name}_{axis}_px"].to_numpy() for axis in "uv"], axis=1)
+        lit = np.isfinite(exact).all(axis=1)
+        added = outwards * (stated - exact)[lit]
+        assert added.min() >= 0
+        assert added.max() < 1 / 16
+    unrounded = pa.table({name: expected.low_px[rows, axis].astype(np.float32) for axis, name in enumerate("uv")})
+    assert size(pa.table({name: table[f"low_{name}_px"] for name in "uv"})) < 0.85 * size(unrounded)
+
+
+def size(table: pa.Table) -> int:
+    """Bytes of a table's file."""
+    file = io.BytesIO()
+    pq.write_table(table, file, compression="zstd")
+    return len(file.getvalue())

@@ -36,3 +36,16 @@ def test_veiling_glare_is_doubted_in_the_dark_corners_of_a_wide_rectilinear_lens
     frame = small_scenario(camera={"width": 270, "height": 180, "aperture_mm": 4} | camera).frame(0)
     said = contradictions(frame)
     assert [sentence.startswith("camera.veiling_glare: 0.01 of the light") for sentence in said] == [True] * told
+
+
+@pytest.mark.parametrize(("sky", "told"), [
+    ({"bortle": 5, "cities": []}, "bortle"),
+    ({"zenith_mag_arcsec2": 20, "cities": []}, "zenith_mag_arcsec2"),
+    ({"cities": [], "components": ["airglow"]}, None),
+])  # fmt: skip
+def test_a_brightness_needs_a_city(sky, told) -> None:
+    said = contradictions(small_scenario(sky=sky).frame(0))
+    assert len(said) == (told is not None)
+    if told is not None:
+        assert said[0].startswith("sky.cities: an empty list leaves no lamps")
+        assert told in said[0]

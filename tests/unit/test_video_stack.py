@@ -10,6 +10,7 @@ from small_scenes import small_scenario
 from generator.errors import ScenarioError
 from generator.frame.exposure.expected import render_expected
 from generator.frame.exposure.parts import plan_part
+from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
 from generator.frame.render import render_frame
 from generator.frame.video.codec import decode, encode
@@ -191,3 +192,42 @@ def test_bad_videos_are_refused(case) -> None:
     values, fragment = REFUSED[case]
     with pytest.raises(ScenarioError, match=fragment):
         small_scenario(sensor=values, time__exposure_s=3.3)
+
+
+DARK_ROOM = {
+    "time__exposure_s": 2.0, "sky__bortle": None, "stars": {"limiting_magnitude": -2, "planets": False},
+    "camera": {"width": 60, "height": 40, "hfov_deg": 30, "aperture_mm": 4},
+}  # fmt: skip
+PLAIN = {
+    "bits": 8, "gain_e_per_dn": 10.0, "black_level_dn": 20, "read_noise_e": 0.0, "dark_current_e_s": 0.0, "prnu": 0.0,
+    "dsnu_e": 0.0, "video": {"frames_per_s": 10, "codec": "none"},
+}  # fmt: skip
+
+
+def dark_video(**sensor):
+    """Electrons in the frames of a video without light, and the truth of its objects."""
+    plan = plan_frame(small_scenario(**DARK_ROOM, sensor=PLAIN | sensor), 0)
+    frames = np.array(list(video_frames(plan, plan.spec.sensor.video)))
+    return 10.0 * (frames - 20.0), object_table(plan, render_expected(plan)).to_pandas()
+
+
+def test_the_cosmic_rays_told_of_a_video_are_those_of_its_frames() -> None:
+    """Tracks of a pixel: those pixels are lit, with that charge, and no others."""
+    light, rows = dark_video(cosmic_rays={"rate_s": 15.0, "charge_e_px": 500.0, "length_px": 0.001})
+    assert len(rows) > 15
+    told = np.zeros(light.shape[1:])
+    np.add.at(
+        told, tuple(np.rint(rows[["centroid_v_px", "centroid_u_px"]].to_numpy()).astype(int).T), rows["electrons_e"]
+    )
+    np.testing.assert_allclose(light.sum(axis=0), told, atol=10.0)
+    assert ((light > 0).sum(axis=(1, 2)) > 0).sum() > 5
+
+
+def test_blinking_pixels_of_a_video_are_told_over_all_its_frames() -> None:
+    """Their charge, within 6 standard deviations of its shot noise and the rounding of 20 frames."""
+    blinking = {"fraction": 0.02, "amplitude_e_s": 2000.0, "time_constant_s": [0.05, 0.1]}
+    light, rows = dark_video(blinking_pixels=blinking, temperature_c=20.0, dark_reference_c=20.0)
+    assert len(rows) > 10
+    seen = light.sum(axis=0)[tuple(rows[["centroid_v_px", "centroid_u_px"]].to_numpy().astype(int).T)]
+    told = rows["electrons_e"].to_numpy()
+    assert (np.abs(seen - told) < 6 * np.sqrt(told + 20 * 100 / 12)).all()

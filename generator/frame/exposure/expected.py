@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from generator.frame.exposure.parts import part_count, plan_part, without_sky
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame, render_under_one_sky
-from generator.frame.star_truth import StarTruth
+from generator.frame.star_truth import LitMoments, StarTruth
 from generator.light.photometry import radiance_from_surface_brightness, surface_brightness_from_radiance
 
 Floats = NDArray[np.float64]
@@ -38,13 +38,14 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         return render_under_one_sky(plan, layers, channels)
     count = part_count(plan.spec.time.exposure_s)
     whole = render_under_one_sky(plan_part(plan, 0, 1 / count), layers, channels)
-    star_parts, lamp_parts, moon_parts = [_stars_of(whole)], [whole.lamps], [whole.moon]
+    star_parts, lamp_parts, moon_parts, lit_parts = [_stars_of(whole)], [whole.lamps], [whole.moon], [whole.lit]
     zenith = _zenith_radiance(whole)
     for number in range(1, count):
         part = render_under_one_sky(plan_part(plan, number / count, (number + 1) / count), layers, channels)
         star_parts.append(_stars_of(part))
         lamp_parts.append(part.lamps)
         moon_parts.append(part.moon)
+        lit_parts.append(part.lit)
         zenith += _zenith_radiance(part)
         whole = replace(
             whole,
@@ -71,6 +72,9 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         fraction_in_frame=stars.fraction_in_frame,
         occluded=stars.occluded,
         hidden_fraction=stars.hidden_fraction,
+        low_px=stars.low_px,
+        high_px=stars.high_px,
+        lit=LitMoments.together(lit_parts),
         cover=None if whole.cover is None else whole.cover / np.float32(count),
         objects=objects,
         lamps=merged(lamp_parts),
@@ -92,8 +96,8 @@ def _stars_of(part: ExpectedFrame) -> StarTruth:
         part.fraction_in_frame,
         part.occluded,
         part.hidden_fraction,
-        part.start_px,
-        part.end_px,
+        part.low_px,
+        part.high_px,
     )
 
 

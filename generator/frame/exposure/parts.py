@@ -14,8 +14,6 @@ from generator.frame.plan import (
     LONGEST_LIGHT_S,
     FramePlan,
     airmass_above,
-    behind_cloud,
-    level_or_up,
     refracting_air,
     through_clouds,
     under_clouds,
@@ -24,6 +22,7 @@ from generator.optics.motion import Motion
 from generator.places.astrometry import ApparentPlaces
 from generator.places.times import SECONDS_PER_DAY
 from generator.scenario.model import SkySpec
+from generator.sky.clouds import behind_cloud, level_or_up
 from generator.sky.state import sky_state
 
 Floats = NDArray[np.float64]
@@ -93,7 +92,7 @@ def _in_its_own_light(part: FramePlan, whole: FramePlan, first: float, last: flo
         unlisted = replace(
             unlisted,
             directions=directions,
-            v_mag=behind_cloud(whole.unlisted_v_mag, sky.clouds, there),
+            v_mag=behind_cloud(whole.unlisted_v_mag, sky.clouds, there.enu),
             airmass=_airmass(part, there),
         )
     return replace(

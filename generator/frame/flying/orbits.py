@@ -23,6 +23,7 @@ from generator.places.satellite_shells import Shell, sunlit
 from generator.places.times import EarthOrientation, Instant
 from generator.scenario.foreground_spec import ShellSpec, TleSpec
 from generator.seeds import random_stream
+from generator.sky.clouds import CloudField, behind_cloud
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -55,6 +56,8 @@ class Watch:
         Unit vector to the Sun in the true-equator frame of date, in which satellites move.
     dims : Atmosphere or None
         Air that dims the light of shells.
+    clouds : CloudField or None
+        Cloud that dims it.
     """
 
     start: Instant
@@ -66,6 +69,7 @@ class Watch:
     seed: int
     sun: Floats
     dims: Atmosphere | None
+    clouds: CloudField | None
 
 
 def tle_object(satellite: TleSpec, number: int, of_all: int, watch: Watch) -> FlyingObjects:
@@ -138,6 +142,7 @@ def shell_objects(spec: ShellSpec, number: int, first: int, watch: Watch) -> Fly
     if watch.dims is not None:
         altitude = np.degrees(np.arcsin(np.clip(directions[:, middle, 2], 0, 1)))
         v_mag = v_mag + MAG_PER_OPTICAL_DEPTH * float(optical_depth([VISUAL_NM], watch.dims)[0]) * airmass(altitude)
+    v_mag = behind_cloud(v_mag, watch.clouds, directions[:, middle])
     lit = bright.astype(np.float64)
     return FlyingObjects(
         number=(first + rows).astype(np.int32),

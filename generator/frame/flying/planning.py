@@ -31,12 +31,12 @@ def plan_objects(spec: ForegroundSpec, watch: Watch) -> FlyingObjects:
         first += train.count
     for number, shell in enumerate(spec.shells):
         groups.append(shell_objects(shell, number, first, watch))
-        first += shell.planes * shell.per_plane
+        first += shell.count
     return joined(groups) if groups else none()
 
 
 def plan_glints(
-    spec: GlintsSpec, camera: CameraSpec, R_cam: Floats, others: FlyingObjects, rng: np.random.Generator
+    spec: GlintsSpec, camera: CameraSpec, R_cam: Floats, first: int, rng: np.random.Generator
 ) -> FlyingObjects:
     """Plan false stars, uniform over the image's pixels; for a lens with decentring, some are slightly outside the image.
 
@@ -46,8 +46,8 @@ def plan_glints(
     camera : CameraSpec
     R_cam : (3, 3) array
         East-north-up to camera.
-    others : FlyingObjects
-        Objects of the frame; the numbers of the false stars continue theirs.
+    first : int
+        Number of the first.
     rng : Generator
     """
     lens, count = camera.projection, spec.count
@@ -57,7 +57,6 @@ def plan_glints(
     angle = np.radians(lens.axis_angles_deg(np.hypot(x, y)))
     around = np.arctan2(y, x)
     in_camera = np.stack([np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)], axis=1)
-    first = int(others.number.max(initial=-1)) + 1
     lit, parts, curve = steady(count)
     return FlyingObjects(
         number=first + np.arange(count, dtype=np.int32),

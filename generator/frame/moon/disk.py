@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 from generator.frame.dispersion import LEAST_PX
 from generator.frame.moon.path import MoonPath, moon_path, seen_through_air
 from generator.frame.plan import (
-    LEAST_TRANSMISSION,
     SKY_RATE_DEG_S,
     FramePlan,
     PointLights,
     airmass_to,
     field_radius_deg,
-    level_or_up,
 )
 from generator.optics.motion import turned_rad
 from generator.optics.psf import equivalent_sigma_px
+from generator.sky.clouds import LEAST_TRANSMISSION, level_or_up
 from generator.sky.moon_irradiance import earthshine_over_moonlight, moon_colours
 
 Floats = NDArray[np.float64]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from generator.frame.exposure.expected import render_expected
 from generator.frame.exposure.parts import plan_part, without_sky
+from generator.frame.exposure.readouts import readouts
 from generator.frame.plan import SKY_RATE_DEG_S, FramePlan
 from generator.scenario.processing.video_spec import VideoSpec
-from generator.seeds import random_stream, unit_stream
 from generator.sensor.charge import PhotoResponse
 from generator.sensor.colour import filter_array
 from generator.sensor.detector import effects
 from generator.sensor.develop import demosaic
-from generator.sensor.effect import Effect, Exposure, Floats
+from generator.sensor.effect import Effect, Exposure, Floats, NoiseStream
 from generator.sensor.processing import averaged, denoised, sharpened
 from generator.sensor.readout import FixedLines, FixedOffset
 from generator.sensor.sunburn import burnt_pixels
@@ -40,21 +40,17 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
     MOST_SLICES parts and at most one per frame. Frames within one part have the same expectation and individual noise.
     Trails, satellites and meteors are rendered for each frame in which they shine.
     """
-    count = spec.count(plan.spec.time.exposure_s)
+    exposures = readouts(plan)
+    count = len(exposures)
     resting = replace(plan, objects=plan.objects.chosen(np.zeros(len(plan.objects), bool)))
     slices = slice_count(plan, count)
-    seed, index = plan.scenario.seed, plan.index
     sensor = plan.spec.sensor
-    frame_s = plan.spec.time.exposure_s / count
     shape = (plan.spec.camera.height, plan.spec.camera.width)
-
-    def unit(name: str) -> np.random.Generator:
-        return unit_stream(seed, sensor.unit, name)
-
+    unit = exposures[0].unit
     sensing = _Sensing.of(effects(sensor, burnt_pixels(plan.lens, sensor, unit)), shape, unit)
     current, light, before = -1, np.zeros(shape, np.float32), None
     balance = spec.white_balance
-    for number in range(count):
+    for number, exposure in enumerate(exposures):
         part = number * slices // count
         if part != current:
             expected = render_expected(plan_part(resting, part / slices, (part + 1) / slices), channels=False)
@@ -64,8 +60,6 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
                 balance = grey_sky(light, sensor.colour.pattern)
         moving = moving_light(plan, number / count, (number + 1) / count)
         electrons = light if moving is None else light + moving
-        stream = _frame_stream(seed, index, number)
-        exposure = Exposure(frame_s, stream, sensing.unit, plan.start_s + number * frame_s)
         shares = sensing.dn(electrons, exposure) * np.float32(spec.exposure / (2**sensor.bits - 1))
         if sensor.colour is not None and balance is not None:
             black = sensor.black_level_dn * spec.exposure / (2**sensor.bits - 1)
@@ -115,11 +109,6 @@ def moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
     return render_expected(alone, layers=True, channels=False).layers.get("objects")
 
 
-def _frame_stream(seed: int, index: int, number: int) -> Callable[[str], np.random.Generator]:
-    """Random streams of one frame of the video of frame `index`."""
-    return lambda name: random_stream(seed, f"video.{number}.{name}", index)
-
-
 @dataclass(frozen=True)
 class _Map:
     """A fixed pattern, computed once: signal x factor + offset."""
@@ -138,12 +127,9 @@ class _Sensing:
     """A sensor's chain of effects with its fixed patterns as maps, for many exposures."""
 
     chain: tuple[Effect, ...]
-    unit: Callable[[str], np.random.Generator]
 
     @classmethod
-    def of(
-        cls, acting: Sequence[Effect], shape: tuple[int, int], unit: Callable[[str], np.random.Generator]
-    ) -> _Sensing:
+    def of(cls, acting: Sequence[Effect], shape: tuple[int, int], unit: NoiseStream) -> _Sensing:
         """Compute the maps of the sensor's effects."""
         once = Exposure(1.0, unit, unit)
         chain: list[Effect] = []
@@ -154,7 +140,7 @@ class _Sensing:
                 chain.append(_Map(np.float32(1), effect.apply(np.zeros(shape, np.float32), once)))
             else:
                 chain.append(effect)
-        return cls(tuple(chain), unit)
+        return cls(tuple(chain))
 
     def dn(self, electrons: Floats, exposure: Exposure) -> Floats:
         """DN of one exposure."""
