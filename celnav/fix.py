@@ -79,16 +79,18 @@ class Fix:
     confidence : float
         0 to 1, as the solver defines it; 0 if there is no hypothesis.
     matches : ndarray of int64, shape (m, 2)
-        For each match, the index of the detection and the star id (Hipparcos number, or minus the HR number of a star
-        without one).
+        For each match, the index of the detection and the star id: Hipparcos number, or minus the HR number of a star
+        without one. Planets follow the stars, with ids below -1000000 (`celnav.sky.planets`); no position rests on them.
     residual_rms_px : float
         Root mean square distance between matched detections and predicted stars, pixels; NaN without a position.
     residuals_px : ndarray, shape (m, 2), or None
         Observed minus predicted position of every match, pixels; None if the solver does not report it.
     R_icrs_to_camera : ndarray, shape (3, 3), or None
-        Inertial attitude: takes apparent ICRS directions (aberration included) to the camera frame.
+        Inertial attitude: takes apparent ICRS directions (aberration included) to the camera frame. Without a vertical it
+        contains the refraction, by 0.02 to 0.03 deg for a camera 50 to 30 deg above the horizon.
     rotation_cov_rad2 : ndarray, shape (3, 3), or None
-        Covariance of the error of `R_icrs_to_camera` as a small rotation in the camera frame, rad^2.
+        Covariance of the error of `R_icrs_to_camera` as a small rotation in the camera frame, rad^2; without a vertical, the
+        refraction is not in it.
     common_cov_rad2 : ndarray, shape (3, 3), or None
         The part of `rotation_cov_rad2` that all frames of a stationary camera share: errors of lens and air.
     limiting_mag : float
@@ -108,6 +110,8 @@ class Fix:
         Name of the solver.
     details : mapping
         Further diagnostics, for example the number of stars that the frame should show; other solvers have other ones.
+        ``vertical_doubt_deg``, if present, is the standard deviation about each axis by which a lens that the stars
+        contradict puts the vertical in doubt; `cov_km2` contains it, `rotation_cov_rad2` does not.
     """
 
     ok: bool

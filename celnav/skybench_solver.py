@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.adjustment import Adjusted, CameraPriors, adjust, predict, without_focal
+from celnav.attitude import Attitude
+from celnav.camera import Camera
 from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
 from celnav.field_stars import Start, aberrated, describe, paired_at, pairing_radius, visible_stars
@@ -27,11 +29,12 @@ from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
 from celnav.matching.history import History
 from celnav.position import refracting
-from celnav.problem import Problem, Stopwatch, check_time_limit
+from celnav.problem import Problem, Stopwatch, ToldSigmas, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.uncertainty.contradicted import (
     FREED_FOCAL,
+    VERTICAL_DOUBT,
     doubt_deg,
     freed,
     lens_contradicted,
@@ -138,6 +141,11 @@ class SkybenchConfig:
         if self.time_limit_s is not None:
             check_time_limit(self.time_limit_s)
 
+    def heading_limit_deg(self, attitude: Attitude, sigmas: ToldSigmas, camera: Camera) -> float:
+        """Return the heading error, degrees, that is accepted whatever the uncertainty of the position."""
+        limit = self.max_heading_off_deg + 5 * sigmas.loosened(attitude, camera).heading_deg
+        return max(limit, self.max_moved_deg) if attitude.tilt_deg else limit
+
 
 @dataclass(frozen=True)
 class SkybenchSolver:
@@ -154,10 +162,7 @@ class SkybenchSolver:
             prepared = prepare(problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg)
             distinct = len(np.unique(prepared.uv.round(1), axis=0)) if len(prepared.uv) < 50 else len(prepared.uv)
         if distinct < self.config.min_stars:
-            return Fix.refusal(
-                Reason.TOO_FEW_DETECTIONS,
-                f"{distinct} distinct detections are too few: at least {self.config.min_stars} are needed",
-            )
+            return _too_few(distinct, self.config.min_stars, problem.observation.rays)
         with clock.stage("identify"):
             factors = () if self.config.calibrate == "none" else self.config.focal_factors
             factors = problem.sigmas.focal_factors(factors, problem.observation.camera)
@@ -276,6 +281,8 @@ class SkybenchSolver:
         if readout is not None:
             told_of_it = {"readout": readout.value, "readout_sigma": readout.sigma}
             fix = replace(fix, details={**fix.details, **told_of_it})
+        if doubt := doubt_deg(adjusted, camera, problem.sigmas, self._priors(problem)):
+            fix = replace(fix, details={**fix.details, VERTICAL_DOUBT: doubt})
         if adjusted.sigma_px > self.config.max_sigma_px:
             message = f"the stars scatter by {adjusted.sigma_px:.1f} px: check the camera"
             return replace(fix, reason=Reason.INCONSISTENT, message=message)
@@ -286,7 +293,6 @@ class SkybenchSolver:
                 message="the stars are identified and give R_icrs_to_camera; a position needs the vertical too: "
                 "give Attitude.up",
             )
-        doubt = doubt_deg(adjusted, camera, problem.sigmas, self._priors(problem))
         place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude, scatter_cov, doubt)
         place = replace(place, cov_km2=problem.sigmas.with_time(place.cov_km2, place.lat_deg))
         if refusal := self._contradiction(problem, place) or _below_horizon(problem, adjusted, dirs):
@@ -388,10 +394,7 @@ class SkybenchSolver:
     def _contradiction(self, problem: Problem, place: Place) -> str:
         """Describe the contradiction between the position and the caller's inputs; empty if there is none."""
         assert problem.attitude is not None
-        loose = problem.sigmas.loosened(problem.attitude, problem.observation.camera)
-        limit = self.config.max_heading_off_deg + 5 * loose.heading_deg
-        if problem.attitude.tilt_deg:
-            limit = max(limit, self.config.max_moved_deg)
+        limit = self.config.heading_limit_deg(problem.attitude, problem.sigmas, problem.observation.camera)
         if heading_contradicts(place, limit):
             return f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
         if problem.near is not None:
@@ -425,6 +428,15 @@ def _below_horizon(problem: Problem, adjusted: Adjusted, dirs: F8) -> str:
     if below <= max(3, 0.05 * len(named)):
         return ""
     return f"{below} of {len(named)} stars lie below the horizon: check the attitude"
+
+
+def _too_few(distinct: int, wanted: int, rays: F8) -> Fix:
+    """Return a refusal that says whether the camera leaves few detections; `rays` are NaN outside its image circle."""
+    outside = int(np.count_nonzero(~np.isfinite(rays).all(axis=1)))
+    message = f"{distinct} distinct detections are too few: at least {wanted} are needed"
+    if outside > len(rays) / 2:
+        message = f"{outside} of {len(rays)} detections lie outside the camera's image circle: is f_px in pixels?"
+    return Fix.refusal(Reason.TOO_FEW_DETECTIONS, message)
 
 
 def _not_identified(effort: Effort) -> Fix:

@@ -25,7 +25,7 @@ from celnav.errors import CalibrationError
 from celnav.position import Weather
 from celnav.sky.astrometry import celestial_to_terrestrial, terrestrial_stars
 from celnav.sky.catalog import load_catalog
-from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.earth_rotation import EarthOrientation
 from celnav.sky.utc import Utc, parse_utc
 
 F8 = NDArray[np.float64]
@@ -99,10 +99,13 @@ def find_camera(image: ArrayLike, utc: str | datetime | Utc, mask: ArrayLike | N
 
 
 def whole_sky(utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
-    """Return the stars of the whole sky as seen from the Earth without air, in the catalogue's axes."""
+    """Return the stars of the whole sky as seen from the Earth without air, in the catalogue's axes.
+
+    The Earth's rotation cancels in these axes, so that no table needs to contain the time.
+    """
     catalog = load_catalog()
     catalog = catalog.take(slice(int(np.searchsorted(catalog.v_mag, faintest_mag))))
-    orientation = earth_orientation(utc)
+    orientation = EarthOrientation(0.0)
     to_terrestrial = celestial_to_terrestrial(utc, orientation)
     dirs = terrestrial_stars(catalog, utc, orientation, to_terrestrial).dirs @ to_terrestrial
     return Sky(dirs, catalog.v_mag, catalog.star_id, np.eye(3), _NO_AIR, utc)

@@ -1,7 +1,8 @@
 """Write the tables of the rounds into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
 
 The table of the latest round answers two questions on the same frames: how many places each solver finds with its own
-detector, and how many it finds with the detections that all solvers share. Solvers scored with `--later`, whose revision is
+detector, and how many it finds with the detections that all solvers share. Beside each is the share of frames with a fix of
+whose named stars most are right; a dash means that the solver names none. Solvers scored with `--later`, whose revision is
 not the committed one, have "(later)" behind their name. Tables of earlier rounds answer the first question only and omit
 times, which were measured on busy machines. `--check` writes nothing and fails if a page has another table.
 """
@@ -17,7 +18,7 @@ from build_board_tables import with_tables
 
 from benchmark.frames.frame_set import ALL
 from benchmark.report.site.boards import Board, Entry, make_board
-from benchmark.report.site.columns import BOUND, NEES, SUCCESS, TIME, WRONG, Column
+from benchmark.report.site.columns import BOUND, NAMED, NEES, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.tree import read_tree
 from benchmark.rounds.private_frames import LATER
 
@@ -38,6 +39,10 @@ EARLIER = (
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
 THIN_SPACE = "\u2009"  # between groups of thousands
 TABLE = "the latest round"
+COLUMNS = (
+    "solver", "success, %", "stars named right, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %",
+)  # fmt: skip
+"""Headings of the cells that all tables of rounds contain."""
 
 
 def boards_of(results: Path, split: str = ALL) -> Mapping[str, Board]:
@@ -48,8 +53,8 @@ def boards_of(results: Path, split: str = ALL) -> Mapping[str, Board]:
 def table(boards: Mapping[str, Board], later: Mapping[str, Board]) -> str:
     """Whole systems by their success, each with what it does with the shared detections; those scored later are marked."""
     columns = (
-        "solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %", "median time, ms",
-        "success with shared detections, %", "wrong and confident there, %",
+        *COLUMNS, "median time, ms", "success with shared detections, %", "stars named right there, %",
+        "wrong and confident there, %",
     )  # fmt: skip
     rows = [*_rows_of_both_modes(boards), *_rows_of_both_modes(later, " (later)")]
     return _markdown(columns, sorted(rows, key=lambda cells: -float(cells[1].split()[0])))
@@ -62,15 +67,14 @@ def _rows_of_both_modes(boards: Mapping[str, Board], mark: str = "") -> list[lis
     rows = []
     for entry in boards["own"].entries:
         other = shared.get(entry.label)
-        there = ("-", "-") if other is None else (_with_interval(SUCCESS, other), _with_interval(WRONG, other))
+        there = ("-",) * 3 if other is None else tuple(_with_interval(one, other) for one in (SUCCESS, NAMED, WRONG))
         rows.append([entry.label + mark, *_cells(entry)[1:], _value(TIME, entry), *there])
     return rows
 
 
 def table_of_earlier(boards: Mapping[str, Board]) -> str:
     """Complete systems in the order of their rank."""
-    columns = ("solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %")
-    return _markdown(columns, [_cells(entry) for entry in boards["own"].entries])
+    return _markdown(COLUMNS, [_cells(entry) for entry in boards["own"].entries])
 
 
 def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -83,6 +87,7 @@ def _cells(entry: Entry) -> list[str]:
     return [
         entry.label,
         _with_interval(SUCCESS, entry),
+        _with_interval(NAMED, entry),
         _value(BOUND, entry),
         _with_interval(NEES, entry),
         _with_interval(WRONG, entry),

@@ -27,6 +27,7 @@ from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.fits_file import FitsImage, is_fits, read_fits
 from celnav.detecting.image_file import RAW_SUFFIXES
 from celnav.errors import TimeError
+from generator.files import read_at_most
 from generator.places.times import Instant
 from generator.reading.record import LARGEST_SIDE_PX
 
@@ -37,7 +38,6 @@ LARGEST_FILE_BYTES = 500_000_000
 LARGEST_TABLE_BYTES = 10_000_000
 LARGEST_DN = 65535
 LONGEST_EXPOSURE_S = 86_400.0
-_CHUNK = 1 << 20
 _SMALLEST_SCALE = 1 / 16
 _FEW_LEVELS = 256
 _TILE_PX = 32
@@ -178,17 +178,11 @@ def photographs_in(folder: Path) -> list[Path]:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file. Raises PhotographError where it is larger than any photograph, or cannot be read."""
-    digest = hashlib.sha256()
+    """SHA-256 of a file. Raises PhotographError where it is not a regular file or is larger than any photograph."""
     try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise PhotographError(f"{path}: larger than {LARGEST_FILE_BYTES // 10**6} MB, which is no photograph")
-        with path.open("rb") as stream:
-            while piece := stream.read(_CHUNK):
-                digest.update(piece)
+        return hashlib.sha256(read_at_most(path, LARGEST_FILE_BYTES)).hexdigest()
     except OSError as error:
         raise PhotographError(f"{path}: cannot be read ({error.strerror})") from error
-    return digest.hexdigest()
 
 
 def read_photograph(path: Path, clock: Clock) -> Photograph:

@@ -64,7 +64,8 @@ def read_night(folder: Path, place: Place | None = None, centroids_in: Path | No
     if centroids_in is not None:
         files = draw_centroids(folder / PLATEPARS, centroids_in)
     else:
-        files = sorted(path for path in folder.iterdir() if path.name.startswith("FF") and path.name.endswith(_ENDINGS))
+        named = (path for path in folder.iterdir() if path.name.startswith("FF") and path.name.endswith(_ENDINGS))
+        files = sorted(path for path in named if path.is_file())  # a device or a pipe has no end
     if not files:
         raise PhotographError(f"{folder}: no FF file (FF_STATION_DATE_TIME_MS_FRAME.fits, also .gz or .bz2) in it")
     found = place or _place_of_config(folder / CONFIG) or _place_of_platepars(folder / PLATEPARS)

@@ -15,7 +15,7 @@ from benchmark.frames.sites import counted_site
 from benchmark.judge.geodesy import east_north_km, geodesic_km
 from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
 from benchmark.judge.star_id import score_matches
-from benchmark.protocol import Answer
+from benchmark.protocol import Answer, Detections
 from benchmark.stats.metrics import ERROR, FrameScore
 
 LONGEST_REASON = 200
@@ -54,7 +54,7 @@ class Response:
     peak_memory_mib: float | None
 
 
-def failure(error: Exception | str, time_ms: float) -> Response:
+def failure(error: Exception | str, time_ms: float, shared: Detections | None = None) -> Response:
     """Response recorded where a solver raised or gave an invalid answer: a refusal with status ``error`` and the reason.
 
     Parameters
@@ -63,10 +63,20 @@ def failure(error: Exception | str, time_ms: float) -> Response:
         A text is used as the reason without changes.
     time_ms : float
         Time until the failure.
+    shared : Detections, optional
+        Those that the solver was given, which count as those of any refusal.
     """
     text = error if isinstance(error, str) else f"error: {type(error).__name__}: {error}"
     answer = Answer(ok=False, reason=plain_words(text, LONGEST_REASON))
-    return Response(answer, ERROR, np.empty((0, 2)), np.empty(0), 0.0, time_ms, None)
+    uv, flux = (np.empty((0, 2)), np.empty(0)) if shared is None else points_of(shared)
+    return Response(answer, ERROR, uv, flux, 0.0, time_ms, None)
+
+
+def points_of(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for an unknown flux."""
+    uv = np.array(detections.uv, dtype=np.float64)
+    flux = np.full(len(uv), np.nan) if detections.flux is None else np.array(detections.flux, dtype=np.float64)
+    return uv, flux
 
 
 def check_points(uv: NDArray[np.float64], flux: NDArray[np.float64]) -> None:

@@ -9,6 +9,7 @@ Definitions (docs/benchmark.md repeats them):
   position, and either is the nearest such truth star, or gives at least `BLEND_SHARE` of the electrons of the brightest of
   them. For a faint star next to a bright one the nearest is meant, for a bright star in a crowd the brightest, and a blend of
   equals may be named after any of them. For photographs whose electrons are unknown, V decides which is the brightest.
+* A star counts once in a frame: of several matches that may have its id the first is correct, and the others are wrong.
 * In a photograph whose stars nobody can identify, no match counts, neither as correct nor as wrong.
 * A *detection of a star* is a detection with a truth star within the radius.
 * Precision is the number of correct matches over that of claimed matches. Recall is the number of detections of a star that
@@ -83,7 +84,16 @@ def score_matches(
     n_detected = int(np.count_nonzero(nearest_px <= radius_px))
     if len(matches):
         correct = _are_correct(uv[matches[:, 0]], matches[:, 1], tree, star_id, electrons, radius_px)
+        correct = _first_of_each(matches[:, 1], correct)
     return StarScore(n_detected, len(matches), int(np.count_nonzero(correct)), correct)
+
+
+def _first_of_each(named: NDArray[np.int64], counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of the counted ids, shape (m,), are the first of their kind."""
+    places = np.flatnonzero(counted)
+    first = np.zeros(len(named), dtype=bool)
+    first[places[np.unique(named[places], return_index=True)[1]]] = True
+    return first
 
 
 def _are_correct(

@@ -14,10 +14,11 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -25,6 +26,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmark.errors import ResultsError
+from benchmark.run.provenance import KEY_DIGITS, DetectionsMode
+from benchmark.run.results import check_solver_name
 from generator.errors import GeneratorError
 from generator.files import read_at_most
 from generator.reading.json_text import strict_json
@@ -93,6 +96,7 @@ _DIGITS = {
 }
 """Binary digits that are kept. 24 are single precision: 4 mm for an error of 1 km, 1 µs for a time of 50 ms."""
 _HASHES = ("image_sha256", "truth_sha256")
+_KEY = re.compile(f"[0-9a-f]{{{KEY_DIGITS}}}")
 
 
 class OtherFramesError(ResultsError):
@@ -181,7 +185,7 @@ def read_packed(listing: Path) -> list[PackedRow]:
     Raises
     ------
     ResultsError
-        It is damaged, or does not belong to the table next to it.
+        It is damaged, does not belong to the table next to it, or names a solver by what is no name of a file.
     """
     path = listing.with_suffix(".parquet")
     try:
@@ -196,16 +200,7 @@ def read_packed(listing: Path) -> list[PackedRow]:
             )
         check_claims(path)
         table = pq.read_table(io.BytesIO(content))
-        listed = [
-            (
-                str(row["solver"]),
-                str(row["detections"]),
-                str(row["key"]),
-                row["provenance"],
-                row["revision_established"],
-            )
-            for row in tree["rows"]
-        ]
+        listed = [(*_folder_of(row), row["provenance"], row["revision_established"]) for row in tree["rows"]]
         answers = table[ANSWERS].combine_chunks()
         if (np.diff(answers.offsets.to_numpy()) != len(listed)).any():
             raise ValueError(f"lists of other lengths than {len(listed)}")
@@ -221,6 +216,18 @@ def read_packed(listing: Path) -> list[PackedRow]:
     except (GeneratorError, ValueError, KeyError, TypeError, AttributeError, OSError, pa.ArrowException) as error:
         raise ResultsError(f"{listing}: not readable packed results ({error!r}); restore it and {path.name}") from error
     return found
+
+
+def _folder_of(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Solver, mode of detections and key of a listed row, which become parts of file names. Raises ValueError."""
+    solver, detections, key = str(row["solver"]), str(row["detections"]), str(row["key"])
+    try:
+        check_solver_name(solver)
+    except ResultsError as error:
+        raise ValueError(error) from error
+    if detections not in get_args(DetectionsMode) or not _KEY.fullmatch(key):
+        raise ValueError(f"{solver}: detections {detections!r}, key {key!r}")
+    return solver, detections, key
 
 
 def _frame_part(frames: pd.DataFrame) -> pd.DataFrame:

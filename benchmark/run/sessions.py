@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from benchmark.errors import DatasetError, SolverError
 from benchmark.frames.dataset import Frame, load_image
-from benchmark.judge.answers import Response, check_answer, check_points, failure
+from benchmark.judge.answers import Response, check_answer, check_points, failure, points_of
 from benchmark.protocol import Detections, SolverUnderTest
 from benchmark.run.focal_retry import at_focal_lengths, focal_factors, shares
 from benchmark.run.pinhole_frames import PinholeFrame, as_pinhole, is_centred_pinhole
@@ -160,7 +160,11 @@ class PipeSession:
         if self._solver.spec.lens == "any" or is_centred_pinhole(frame.observation.camera):
             return self._put(frame, shared, None, allowed)
         shown = as_pinhole(frame, shared)
-        return shown.back(self._put(shown.frame, shown.shared, shown, allowed), shared)
+        response = shown.back(self._put(shown.frame, shown.shared, shown, allowed), shared)
+        if shared is None or len(response.uv):
+            return response
+        uv, flux = points_of(shared)  # the pinhole shows none of them
+        return dataclasses.replace(response, uv=uv, flux=flux)
 
     def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None, allowed: _Time) -> Response:
         """Put a request to the program; with `shown`, it gets the image of that pinhole."""
@@ -179,15 +183,15 @@ class PipeSession:
                 self._warm_up(request_of(by_itself(frame), shared, Path(request["image"]), allowed.share_s))
             exchange = self._program.ask(request, allowed.spent_s)
         except ProgramFailedError as error:
-            return failure(str(error), error.time_ms)
+            return failure(str(error), error.time_ms, shared)
         except SolverError as error:
-            return failure(f"error: {error}", 0.0)
+            return failure(f"error: {error}", 0.0, shared)
         try:
             reply = reply_of(exchange.message, frame.frame_id, frame.observation, shared)
             check_points(reply.uv, reply.flux)
             check_answer(reply.answer, len(reply.uv))
         except ValueError as error:
-            return failure(f"error: {error}", exchange.time_ms)
+            return failure(f"error: {error}", exchange.time_ms, shared)
         detect_ms = min(reply.detect_ms, exchange.time_ms)
         return Response(
             answer=reply.answer,
@@ -282,9 +286,10 @@ def ask(solver: SolverUnderTest, frame: Frame, image: NDArray[np.uint16], shared
     try:
         detections = solver.detect(image) if shared is None else shared
         detect_ms = 1000.0 * (time.perf_counter() - start)
-        uv, flux = _points(detections)
+        uv, flux = points_of(detections)
+        check_points(uv, flux)
     except Exception as error:  # a contestant may raise anything
-        return failure(error, 1000.0 * (time.perf_counter() - start))
+        return failure(error, 1000.0 * (time.perf_counter() - start), shared)
     start = time.perf_counter()
     try:
         answer = solver.solve(detections, frame.observation)
@@ -294,14 +299,6 @@ def ask(solver: SolverUnderTest, frame: Frame, image: NDArray[np.uint16], shared
         answer, status = failure(error, 0.0).answer, ERROR
     solve_ms = 1000.0 * (time.perf_counter() - start)
     return Response(answer, status, uv, flux, detect_ms, solve_ms, peak_mib() if known else None)
-
-
-def _points(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for an unknown flux."""
-    uv = np.array(detections.uv, dtype=np.float64)
-    flux = np.full(len(uv), np.nan) if detections.flux is None else np.array(detections.flux, dtype=np.float64)
-    check_points(uv, flux)
-    return uv, flux
 
 
 class OtherProcessSession:
@@ -324,7 +321,7 @@ class OtherProcessSession:
             return self._process.submit(_answer_in_process, frame, shared).result()
         except BrokenProcessPool:
             self.close()
-            return failure("error: ended its process", 1000.0 * (time.perf_counter() - started))
+            return failure("error: ended its process", 1000.0 * (time.perf_counter() - started), shared)
 
     def close(self) -> None:
         """End the process."""

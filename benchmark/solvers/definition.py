@@ -21,6 +21,7 @@ from benchmark.solvers.revision import (
     VIEW_MODULES,
     PackageTree,
     adapter_behaviour,
+    file_digest,
     fusion_behaviour,
     installed_packages,
     revision_of,
@@ -195,7 +196,7 @@ class SolverFolder:
 
     @cached_property
     def revision(self) -> str:
-        """Revision of its behaviour, see `benchmark.solvers.revision`: comments and formatting do not change it.
+        """Revision of its behaviour, see `benchmark.solvers.revision`.
 
         Raises
         ------
@@ -210,14 +211,21 @@ class SolverFolder:
             fusing: dict[str, object] = {"name": self.name, "fuses": self.fused.revision_among(packages)}
             return revision_of(fusing, {}, fusion_behaviour(packages.sources), packages.catalogues)
         adapter = self.spec.adapter
-        # An adapter's imports are covered by its modules.
-        left_out = {SPEC_NAME, README_NAME}
+        known = adapter is not None or self.folder.parent == packages.solvers
+        left_out = {README_NAME}
+        if known:
+            left_out.add(SPEC_NAME)
         if adapter is not None:
-            left_out |= {"__init__.py", "adapter.py"}
+            left_out |= {"__init__.py", "adapter.py"}  # its imports are covered by its modules
         names = {path.relative_to(self.folder).as_posix(): path for path in _files_of(self.folder)}
-        files = {name: path.read_bytes() for name, path in names.items() if name not in left_out}
+        files = {
+            name: file_digest(path.read_bytes(), is_python=known and name.endswith(".py"))
+            for name, path in names.items()
+            if name not in left_out
+        }
         if adapter is None and self.spec.lens == "pinhole":
-            files |= {f"{name}.py": packages.sources.modules[name].encode() for name in VIEW_MODULES}
+            modules = packages.sources.modules
+            files |= {f"{name}.py": file_digest(modules[name].encode(), is_python=True) for name in VIEW_MODULES}
         try:
             behaviour = None if adapter is None else adapter_behaviour(packages.sources, adapter, self.name)
             catalogues = "" if behaviour is None else packages.catalogues

@@ -6,7 +6,8 @@
 LIFELINE is the reading end of a pipe whose other end the caller holds and never writes to: the pipe ends with the caller,
 however the caller ends. STATUS is the writing end of another pipe, on which one line says ``started PID`` or
 ``failed ERRNO``, and a last one ``ended STATUS``, with a negative number for a signal, or ``ended memory`` if the program
-and what it has started held more than MEMORY_BYTES together. The program has the standard streams to itself. PLACES is the
+and what it has started held more than MEMORY_BYTES together, or ``ended processes`` if they were more than `MOST_PROCESSES`.
+The program has the standard streams to itself. PLACES is the
 number of pairs of names that follow it: if there are any, the program runs in its own namespaces and sees only these
 (`benchmark.solvers.namespaces`). The second form does the same with a program that does nothing.
 
@@ -27,12 +28,20 @@ import signal
 import subprocess
 import sys
 import time
+from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
+BLOCK_BYTES = 512
+"""Unit of st_blocks (stat(2))."""
 POLL_S = 0.005
 WATCH_S = 0.25
-"""Time between two looks at the memory of all processes."""
+"""Time between two looks at the number and the memory of all processes."""
+MOST_PROCESSES = 64
+"""Largest number of processes of a program at a time, itself included; threads do not count."""
+NAMESPACE_PROCESSES = 2
+"""Processes that isolation adds (`benchmark.solvers.namespaces`)."""
 PROBE_BYTES = 2**20
 
 
@@ -62,12 +71,14 @@ def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], 
     _leave_the_streams()
     _say(status, f"started {_innermost(process.pid) if places else process.pid}")
     handle = os.pidfd_open(process.pid)
+    most_processes = MOST_PROCESSES + (NAMESPACE_PROCESSES if places else 0)
     ready: list[int] = []
-    while not ready and not _too_much(memory_bytes):
+    excess = ""
+    while not ready and not (excess := _excess(memory_bytes, most_processes)):
         ready, _, _ = select.select([lifeline, handle], [], [], WATCH_S)
     code = process.wait() if handle in ready else -signal.SIGKILL
     _end_children()
-    _say(status, f"ended {code}" if ready else "ended memory")
+    _say(status, f"ended {excess or code}")
 
 
 def _leave_the_streams() -> None:
@@ -104,7 +115,7 @@ def _isolate(places: dict[str, str], folder: str, memory_bytes: int) -> None:
 
 def _innermost(pid: int) -> int:
     """Pid of the program among the three processes of its namespaces: the only child of the only child."""
-    for _ in range(2):
+    for _ in range(NAMESPACE_PROCESSES):
         pid = next(iter(_children(pid)), pid)
     return pid
 
@@ -124,24 +135,45 @@ def _parents() -> dict[int, int]:
     return found
 
 
-def _too_much(memory_bytes: int) -> bool:
-    """Whether all processes together hold more memory than allowed; each by itself is limited by RLIMIT_AS.
+def _excess(memory_bytes: int, most_processes: int) -> str:
+    """What all processes together have more of than allowed: ``processes``, ``memory`` or nothing.
 
-    Pages that several processes share count once (proportional set size, proc(5)). Resident sizes, which are faster to
-    read and never smaller, are looked at first.
+    The address space of each process is limited by RLIMIT_AS, which neither their sum nor a file in memory (memfd_create(2))
+    counts against. Pages that several processes share count once (proportional set size, proc(5)), and so do those of files
+    in memory that are mapped too. Resident sizes, which are faster to read and never smaller, are looked at first.
     """
     pids = _descendants()
-    return len(pids) > 1 and all(
-        sum(read(pid) for pid in pids) > memory_bytes for read in (_resident_bytes, _proportional_bytes)
-    )
+    if len(pids) > most_processes:
+        return "processes"
+    files = _bytes_of_memory_files(pids)
+    if files + sum(map(_resident_bytes, pids)) <= memory_bytes:
+        return ""
+    sizes = [_proportional_bytes(pid) for pid in pids]
+    own, mapped = (sum(size[part] for size in sizes) for part in (0, 1))
+    return "memory" if own + max(mapped, files) > memory_bytes else ""
 
 
 def _descendants() -> list[int]:
-    parents = _parents()
+    children: defaultdict[int, list[int]] = defaultdict(list)
+    for pid, parent in _parents().items():
+        children[parent].append(pid)
     found = [os.getpid()]
     for pid in found:
-        found += [child for child, parent in parents.items() if parent == pid]
+        found += children[pid]
     return found[1:]
+
+
+def _bytes_of_memory_files(pids: Iterable[int]) -> int:
+    """Memory of the files that were made by memfd_create(2) and that any of the processes holds open."""
+    sizes = {}
+    for pid in pids:
+        with contextlib.suppress(OSError):
+            for name in os.listdir(f"/proc/{pid}/fd"):
+                with contextlib.suppress(OSError):
+                    if os.readlink(f"/proc/{pid}/fd/{name}").startswith("/memfd:"):
+                        status = os.stat(f"/proc/{pid}/fd/{name}")
+                        sizes[status.st_dev, status.st_ino] = status.st_blocks * BLOCK_BYTES
+    return sum(sizes.values())
 
 
 def _resident_bytes(pid: int) -> int:
@@ -150,12 +182,14 @@ def _resident_bytes(pid: int) -> int:
     return 0
 
 
-def _proportional_bytes(pid: int) -> int:
+def _proportional_bytes(pid: int) -> tuple[int, int]:
+    """Proportional set size without and of shared memory; all counts as the former where the kernel does not say."""
     with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{pid}/smaps_rollup").read_bytes().splitlines():
-            if line.startswith(b"Pss:"):
-                return int(line.split()[1]) * 1024
-    return _resident_bytes(pid)
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_bytes().splitlines()
+        sizes = {words[0]: int(words[1]) * 1024 for line in lines if len(words := line.split()) == 3}
+        shared = sizes.get(b"Pss_Shmem:", 0)
+        return sizes[b"Pss:"] - shared, shared
+    return _resident_bytes(pid), 0
 
 
 def _say(status: int, words: str) -> None:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from benchmark.errors import SolverError
+from benchmark.solvers.guardian import MOST_PROCESSES
 from benchmark.solvers.isolation import places_words
 from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import PROTOCOL, hello
@@ -40,7 +41,7 @@ _END_S = 10.0
 """A guardian that takes longer to end its program has itself been stopped."""
 _KEPT_STDERR_BYTES = 4_000
 _CHUNK = 65_536
-# One core each: programs are compared by their work on one core, and the benchmark runs several frames in parallel.
+# Programs are asked to use one thread: times are compared, and the benchmark runs several frames in parallel.
 _ONE_THREAD = dict.fromkeys(
     (
         "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "OPENCV_FOR_THREADS_NUM",
@@ -59,7 +60,7 @@ class Limits:
     time_s : float
         Wall-clock time per frame, for all requests about it together.
     memory_mib : int
-        Address space of each of its processes (RLIMIT_AS), and memory of all of them together.
+        Address space of each of its processes (RLIMIT_AS), and memory of all of them together, files in memory included.
     start_s : float
         Wall-clock time until it sends its hello.
     """
@@ -302,6 +303,8 @@ class ProgramSession:
         status = self._heard_of_guardian(_ENDING_S).partition(" ")[2].strip()
         if not status:
             return "closed its output"
+        if status == "processes":
+            return f"ran more than {MOST_PROCESSES} processes at once"
         if status == "memory":
             return f"held more than {self.limits.memory_mib} MiB with the processes that it started"
         code = int(status)

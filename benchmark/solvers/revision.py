@@ -2,9 +2,10 @@
 
 A revision covers the modules that the solver imports (`generator.identity.behaviour`), what its ``solver.yaml`` says about
 how it runs (limits, command, pinned packages; neither title nor licence), the other files of its folder, the star catalogues
-where they are read, and for a program that knows only pinholes what makes its images. NumPy, SciPy and ERFA do not count:
-between versions their answers differ by far less than the precision of any printed number. Nor does the table of the Earth's
-rotation count, which grows every week but is settled for the dates of the tasks' frames.
+where they are read, and for a program that knows only pinholes what makes its images. Of Python files that come with skybench
+the syntax counts, of any other program every byte of its folder, because it can read its own text. NumPy, SciPy and ERFA do
+not count: between versions their answers differ by far less than the precision of any printed number. Nor does the table of
+the Earth's rotation count, which grows every week but is settled for the dates of the tasks' frames.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def detector_behaviour(sources: Sources) -> Behaviour:
 
 
 def revision_of(
-    settings: Mapping[str, object], files: Mapping[str, bytes], behaviour: Behaviour | None, catalogues: str
+    settings: Mapping[str, object], files: Mapping[str, str], behaviour: Behaviour | None, catalogues: str
 ) -> str:
     """Combine everything that affects a solver's behaviour into one revision.
 
@@ -73,17 +74,14 @@ def revision_of(
     ----------
     settings : mapping of str to object
         What its ``solver.yaml`` says about how it runs, as JSON.
-    files : mapping of str to bytes
-        The other files of its folder; for Python files only the syntax counts.
+    files : mapping of str to str
+        Digests of the files that count, by name.
     behaviour : Behaviour or None
         Behaviour of its adapter; None for a program.
     catalogues : str
         Digest of the star catalogues, which counts where they are read.
     """
-    content: dict[str, object] = {
-        "settings": settings,
-        "files": {name: _file_digest(name, data) for name, data in files.items()},
-    }
+    content: dict[str, object] = {"settings": settings, "files": dict(files)}
     if behaviour is not None:
         content["modules"] = behaviour.digest
         if any(_CATALOGUE_MODULE.fullmatch(module) for module in behaviour.modules):
@@ -107,6 +105,11 @@ class PackageTree:
     def sources(self) -> Sources:
         """Sources of the `PACKAGES`."""
         return read_sources(self.root)
+
+    @property
+    def solvers(self) -> Path:
+        """Folder of the solvers that come with skybench."""
+        return self.root.resolve() / "benchmark" / "solvers"
 
     @cached_property
     def catalogues(self) -> str:
@@ -143,8 +146,9 @@ def read_sources(root: Path) -> Sources:
     return Sources.of_files(files)
 
 
-def _file_digest(name: str, content: bytes) -> str:
-    if name.endswith(".py"):
+def file_digest(content: bytes, is_python: bool) -> str:
+    """SHA-256 of a file's content; of its syntax where it is Python whose comments do not matter."""
+    if is_python:
         try:
             return syntax_digest(content.decode("utf-8"))
         except (SyntaxError, ValueError):

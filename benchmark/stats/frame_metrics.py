@@ -120,8 +120,12 @@ def identified(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> Bools:
     error that the supplied vertical causes, the stronger the effect. A fix may be within the limit and name no star: some
     solvers return no identifications, and for some photographs they are unknown.
     """
-    most_named_right = 2.0 * column(frames, "n_correct") > column(frames, "n_matches")
-    return np.asarray(succeeded(frames, limit_km) | (fixed(frames) & most_named_right))
+    return np.asarray(succeeded(frames, limit_km) | named_right(frames))
+
+
+def named_right(frames: pd.DataFrame) -> Bools:
+    """Which frames have a fix of whose named stars most are right."""
+    return np.asarray(fixed(frames) & (2.0 * column(frames, "n_correct") > column(frames, "n_matches")))
 
 
 def success(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
@@ -148,6 +152,13 @@ def star_precision(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
 def names_no_star(frames: pd.DataFrame) -> bool:
     """Whether a solver has fixes but returns no matches, so that none of them says which stars it saw."""
     return bool(fixed(frames).any()) and not column(frames, "n_matches").any()
+
+
+def share_named_right(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Share of all frames that are `named_right`; undefined for a solver that returns no matches."""
+    if names_no_star(frames):
+        return UNDEFINED
+    return share_within_conditions(named_right(frames), column(frames, "condition"), resamples)
 
 
 def star_recall(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
@@ -240,6 +251,7 @@ def metrics_within(limit_km: float) -> tuple[Metric, ...]:
         Metric("median_error_km", "median error", "km", -1, lambda f, r: error_quantile(f, r, 0.5)),
         Metric("p90_error_km", "90 % error", "km", -1, lambda f, r: error_quantile(f, r, 0.9)),
         Metric("wrong_and_confident", "wrong and confident", "", -1, lambda f, r: wrong_and_confident(f, r, limit_km)),
+        Metric("stars_named_right", "stars named right", "", 1, share_named_right),
         Metric("star_precision", "star-ID precision", "", 1, star_precision),
         Metric("star_recall", "star-ID recall", "", 1, star_recall),
         Metric("kelvins_score", "Kelvins score", "", 1, kelvins),

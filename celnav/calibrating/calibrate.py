@@ -45,6 +45,7 @@ def calibrate(
     form: LensForm | None = None,
     opencv_only: bool = False,
     mount: MountChoice = "auto",
+    dut1_s: float | None = None,
 ) -> CameraCalibration:
     """Calibrate a camera from the stars.
 
@@ -69,6 +70,8 @@ def calibrate(
     mount : str
         ``night``: one attitude for all frames of a night; ``frame``: one for each frame; ``auto``: one per night, unless
         the frames of a night differ by more than chance (probability below 0.001) explains.
+    dut1_s : float, optional
+        UT1-UTC in seconds, for all frames; taken from the IERS table unless given.
 
     Returns
     -------
@@ -88,12 +91,15 @@ def calibrate(
         finite_number(lat_deg, "lat_deg", ConfigError, -90, 90),
         finite_number(lon_deg, "lon_deg", ConfigError, -360, 360),
         usual_weather(height_m, pressure_hpa, temperature_c),
+        dut1_s,
     )
     chosen_models = LAWS if models is None else tuple(models)
     if not chosen_models:
         raise ConfigError("models is empty: name at least one law")
     if unknown := [model for model in chosen_models if model not in LAWS]:
         raise ConfigError(f"lens model {unknown[0]!r} is not known; known: {', '.join(LAWS)}")
+    if opencv_only:
+        _check_opencv(chosen_models, form)
     skies = [sky_over(site, frame.utc) for frame in frames]
     field = Field(frames, skies, [np.ones(len(frame.uv), dtype=bool) for frame in frames])
     used, part, general = fit_all(field, None if camera is None else _guess(camera))
@@ -102,8 +108,6 @@ def calibrate(
     judged: list[Judged] = []
     if form is None:
         form, judged = choose_form(general.bundle, general.seen, seen_group, chosen_models, opencv_only=opencv_only)
-    elif opencv_only and not in_opencv(form):
-        raise ConfigError(f"OpenCV cannot hold a lens of the form {form.words}")
     # If the law differs, the start has no distortion, so it is fitted to the present stars before others are searched for.
     lens = adjust(started(general.bundle, form), general.seen, seen_group, robust=False)
     fit = refine(part, lens, general.group)
@@ -138,6 +142,19 @@ def _check(frames: list[CalibrationFrame], mount: str, camera: Camera | None, fo
         )
     if mount not in ("auto", "night", "frame"):
         raise ConfigError(f"mount = {mount!r} must be auto, night or frame")
+
+
+def _check_opencv(models: tuple[str, ...], form: LensForm | None) -> None:
+    """Raise `ConfigError` if OpenCV can hold neither the form nor, without one, any of the models."""
+    if form is not None:
+        if not in_opencv(form):
+            raise ConfigError(f"OpenCV cannot hold a lens of the form {form.words}")
+    elif not any(in_opencv(LensForm(model)) for model in models):
+        known = ", ".join(law for law in LAWS if in_opencv(LensForm(law)))
+        raise ConfigError(
+            f"OpenCV can hold none of the models {', '.join(models)} (--models): add one of {known}, or leave out "
+            "opencv_only (--opencv-only, --opencv)"
+        )
 
 
 def _guess(camera: Camera) -> Start:

@@ -63,11 +63,12 @@ class CalibrationFrame:
 
 @dataclass(frozen=True)
 class Site:
-    """Position of the camera, and the air there."""
+    """Position of the camera, the air there, and UT1-UTC (s; None takes it from the IERS table)."""
 
     lat_deg: float
     lon_deg: float
     weather: Weather
+    dut1_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG, lowest_de
     """Return the stars above an apparent altitude (-90 deg: all stars) as seen from the site at an instant."""
     catalog = load_catalog()
     catalog = catalog.take(slice(int(np.searchsorted(catalog.v_mag, faintest_mag))))
-    orientation = earth_orientation(utc)
+    orientation = earth_orientation(utc, site.dut1_s)
     to_terrestrial = celestial_to_terrestrial(utc, orientation)
     true = terrestrial_stars(catalog, utc, orientation, to_terrestrial).enu(site.lat_deg, site.lon_deg)
     high = np.flatnonzero(true[:, 2] > np.sin(np.radians(max(lowest_deg - 0.5, -90.0))))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.camera import Camera
-from celnav.errors import CameraError
+from celnav.errors import CalibrationError, CameraError
 from celnav.identification.verification import rotation_of
 
 F8 = NDArray[np.float64]
@@ -97,6 +97,11 @@ def choose_form(
     -------
     LensForm, list of Judged
         The chosen form, and all judged forms, best first.
+
+    Raises
+    ------
+    CalibrationError
+        When none of the models can show the field.
     """
     if len(seen) > MOST_STARS:
         rows = np.sort(np.random.default_rng(_SEED).permutation(len(seen))[:MOST_STARS])
@@ -118,6 +123,12 @@ def choose_form(
     # If decentring is large, radial forms cannot be compared without it. In a narrow field it cannot be separated from the
     # principal point.
     judge([] if narrow else [replace(form, decentring=True) for form in radial])
+    if not losses:
+        limited = ", as far as OpenCV can hold them," if opencv_only else ""
+        raise CalibrationError(
+            f"none of the models {', '.join(models)} (--models){limited} can show the field, whose stars reach "
+            f"{math.degrees(widest):.0f} deg from the axis: name others too, such as kannala_brandt"
+        )
     best_laws = sorted(
         {f.model for f in losses}, key=lambda law: min(v.mean() for f, v in losses.items() if f.model == law)
     )

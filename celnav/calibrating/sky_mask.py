@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.detecting.blank_border import blank_border
-from celnav.detecting.image_background import as_image, background_and_noise, grey
+from celnav.detecting.image_background import as_image, background_and_noise, grey, unmasked
 from celnav.detecting.tiles import Tiles
 from celnav.detection import DetectionConfig, detect
 from celnav.detections import Detections
@@ -79,7 +79,8 @@ def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
     """
     if len(frames) < FEWEST_FRAMES:
         raise ImageError(f"a mask is learnt from {FEWEST_FRAMES} frames or more, not from {len(frames)}")
-    images = [grey(as_image(frame)) for frame in frames]
+    pixels, hidden = zip(*(unmasked(frame, None) for frame in frames), strict=True)
+    images = [grey(as_image(each)) for each in pixels]
     size = images[0].shape
     if other := [image.shape for image in images if image.shape != size]:
         raise ImageError(f"a mask is learnt from frames of one size; these are of {size} and of {other[0]}")
@@ -90,7 +91,7 @@ def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
         raise ImageError(
             "most detections stand still in these frames: a mask is learnt from frames between which the sky turned"
         )
-    still = _standing(images, _starry(moving, (size[0], size[1])))
+    still = _standing(images, hidden, _starry(moving, (size[0], size[1])))
     least = len(images)
     mask = still.hot >= np.ceil(_HOT_SHARE * least)
     structure = _dilated(np.maximum(still.above, still.below) >= np.ceil(_STILL_SHARE * least))
@@ -153,18 +154,19 @@ def _starry(moving: F8, size: tuple[int, int]) -> Mask:
     return np.asarray(starry[: -(-size[0] // _STEP_PX), : -(-size[1] // _STEP_PX)])
 
 
-def _standing(images: list[F4], starry: Mask) -> _Still:
+def _standing(images: list[F4], hidden: Sequence[ArrayLike | None], starry: Mask) -> _Still:
     """Count the frames in which each pixel stands out by itself, and its surroundings above or below the background.
 
-    `starry` marks, at every `_STEP_PX`-th pixel, where stars come and go.
+    `hidden` holds the masked entries of each frame that has some; they count as blank. `starry` marks, at every `_STEP_PX`-th
+    pixel, where stars come and go.
     """
     from scipy import ndimage
 
     size = images[0].shape
     tiles = Tiles.of((size[0], size[1]), _TILE_PX)
     hot, above, below = (np.zeros(size, dtype=np.uint16) for _ in range(3))
-    for pixels in images:
-        used = np.ones(size, dtype=bool)
+    for pixels, out in zip(images, hidden, strict=True):
+        used = np.ones(size, dtype=bool) if out is None else ~np.asarray(out, dtype=np.bool_)
         if (blank := blank_border(pixels, tiles)) is not None:
             used &= ~blank
         background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles))

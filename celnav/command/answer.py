@@ -42,8 +42,9 @@ class Answer:
         Result of the solver.
     detections : Detections
         Detections in the image.
-    camera : Camera
-        The camera as supplied, before anything is fitted to the stars.
+    camera : Camera or None
+        The camera as supplied, before anything is fitted to the stars; None if it was to be found from the stars and was
+        not.
     camera_from : str
         Source of the camera, in words.
     utc : str
@@ -64,7 +65,7 @@ class Answer:
 
     fix: Fix
     detections: Detections
-    camera: Camera
+    camera: Camera | None
     camera_from: str
     utc: str
     attitude: Attitude | None
@@ -148,7 +149,7 @@ def text_of(answer: Answer, matches: bool = False) -> str:
         lines += [("no fix", f"{fix.reason} ({fix.message})")]
     if pointing is not None:
         lines.append(("boresight", _pointing_text(pointing) + ("" if fix.ok else " (as given)")))
-    elif fix.R_icrs_to_camera is not None:
+    elif fix.R_icrs_to_camera is not None and answer.camera is not None:
         lines.append(("boresight", _celestial_text(fix.R_icrs_to_camera)))
         lines += _middle_line(answer.camera, fix.R_icrs_to_camera)
     lines += _camera_lines(answer)
@@ -191,9 +192,9 @@ def json_of(answer: Answer, matches: bool = False) -> str:
         "pointing": None if pointing is None else {name: round(angle, 6) for name, angle in asdict(pointing).items()},
         "map": map_link(fix) if fix.ok else None,
         "utc": answer.utc,
-        "camera": asdict(answer.camera),
+        "camera": None if answer.camera is None else asdict(answer.camera),
         "camera_from": answer.camera_from,
-        "field_deg": [round(angle, 3) for angle in field_deg(answer.camera)],
+        "field_deg": None if answer.camera is None else [round(angle, 3) for angle in field_deg(answer.camera)],
         "assumed": list(answer.assumed),
         "warnings": list(answer.warnings),
     }
@@ -208,7 +209,7 @@ def _uncertainty(answer: Answer) -> list[tuple[str, str]]:
     fix, attitude = answer.fix, answer.attitude
     tilted = attitude is not None and attitude.tilt_deg > 0
     stated = tilted or (attitude is not None and attitude.kind == "rotation" and attitude.heading_deg > 0)
-    if fix.cov_km2 is None:
+    if fix.cov_km2 is None or answer.camera is None:
         return []
     east, north = (length_text(1000 * sigma) for sigma in np.sqrt(np.diag(fix.cov_km2)))
     of = "scatter of the stars and the attitude's sigma" if stated else "scatter of the stars"
@@ -264,7 +265,10 @@ def _time_text(time_ms: Mapping[str, float]) -> str:
 
 def _camera_lines(answer: Answer) -> list[tuple[str, str]]:
     """Describe the camera, and the corrections of the solver to it."""
-    camera, (width, height) = answer.camera, field_deg(answer.camera)
+    camera = answer.camera
+    if camera is None:
+        return [("camera", answer.camera_from)]
+    width, height = field_deg(camera)
     lines = [("camera", f"{answer.camera_from}: {camera.model}, {camera.f_px:.1f} px, {width:.3g} x {height:.3g} deg")]
     if calibrated := _calibration_text(answer.fix):
         lines.append(("camera", calibrated))

@@ -112,13 +112,14 @@ def _time_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--time-zone",
         metavar="ZONE",
-        help="of the camera's clock, +02:00 or Europe/Berlin, where the tags do not say it",
+        help="of the camera's clock, +02:00 or Europe/Berlin, whatever the tags say; default: the tag of its offset, else "
+        "its difference from the tag of GPS time; not for FITS, whose times are UTC",
     )
     group.add_argument(
         "--exif-time-is",
         choices=("start", "middle", "end"),
         default="start",
-        help="what of the exposure the tagged time marks; default: %(default)s",
+        help="what of the exposure the EXIF time marks; not for FITS, whose keywords say it; default: %(default)s",
     )
     group.add_argument("--dut1-s", type=float, help="UT1-UTC in seconds; default: from the IERS table")
 

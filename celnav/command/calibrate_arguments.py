@@ -51,13 +51,18 @@ def add_calibrate(commands: Any) -> None:
         action="append",
         help="middle of an exposure, once for each frame; default: the FITS header, the frame record beside the image, EXIF",
     )
-    group.add_argument("--time-zone", metavar="ZONE", help="of the camera's clock, where EXIF tags do not say it")
+    group.add_argument(
+        "--time-zone",
+        metavar="ZONE",
+        help="of the camera's clock, +02:00 or Europe/Berlin, whatever the EXIF tags say; not for FITS, whose times are UTC",
+    )
     group.add_argument(
         "--exif-time-is",
         choices=("start", "middle", "end"),
         default="start",
-        help="what of the exposure the EXIF time marks; default: %(default)s",
+        help="what of the exposure the EXIF time marks; not for FITS, whose keywords say it; default: %(default)s",
     )
+    group.add_argument("--dut1-s", type=float, help="UT1-UTC in seconds; default: from the IERS table")
     group = command.add_argument_group("camera")
     group.add_argument(
         "--camera",

@@ -29,7 +29,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     from celnav.calibrating.camera_output import opencv_text, scenario_text
     from celnav.calibrating.joint_fit import NothingNamedError
     from celnav.calibrating.verdict import report
-    from celnav.command.calibration_frames import FEWEST_FOR_MASK, learnt_mask, read_frames
+    from celnav.command.calibration_frames import FEWEST_FOR_MASK, first_shape, learnt_mask, read_frames
     from celnav.command.residual_map import check_map_path, draw_residual_map
     from celnav.unknown_camera import WIDER_SIGMAS_PX
 
@@ -44,7 +44,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
         if path is not None and not Path(path).resolve().parent.is_dir():
             raise ConfigError(f"{option} {path}: its folder does not exist")
     with naming_formats():
-        mask = None if arguments.mask is None else read_mask(arguments.mask)
+        mask = None if arguments.mask is None else read_mask(arguments.mask, first_shape(arguments.frames))
     if arguments.mask_out is not None and mask is None:
         mask = learnt_mask(arguments.frames)
         if mask is None:
@@ -71,6 +71,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
                 models=arguments.models,
                 opencv_only=arguments.opencv_only or arguments.opencv is not None,
                 mount=arguments.mount,
+                dut1_s=arguments.dut1_s,
             )
             break
         except NothingNamedError:

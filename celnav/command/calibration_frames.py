@@ -16,7 +16,7 @@ from celnav.calibrating.frames import CalibrationFrame
 from celnav.calibrating.sky_mask import sky_mask
 from celnav.checking import finite_number
 from celnav.command.exif import read_tags
-from celnav.command.exposure_time import Stamp, exposure_time
+from celnav.command.exposure_time import Stamp, exposure_time, refuse_clock_options
 from celnav.detecting.fits_file import is_fits, read_fits
 from celnav.detecting.image_file import read_image, refuse_raw, without_blanks
 from celnav.detection import DetectionConfig, detect
@@ -84,6 +84,7 @@ def _image_frame(
     config: DetectionConfig,
 ) -> CalibrationFrame:
     image, middle, exposure_s = image_and_time(path)
+    refuse_clock_options(path, time_zone, stamp)
     moment = utc or middle
     if moment is None:
         if is_fits(path):
@@ -94,9 +95,11 @@ def _image_frame(
             raise TimeError(f"image {path}: {error}") from None
     image, mask = without_blanks(image, mask)
     height, width = image.shape[:2]
-    return CalibrationFrame(
-        detect(image, mask, config), parse_utc(moment), (width, height), Path(path).name, exposure_s
-    )
+    try:
+        detections = detect(image, mask, config)
+    except ImageError as error:
+        raise ImageError(f"image {path}: {error}") from None
+    return CalibrationFrame(detections, parse_utc(moment), (width, height), Path(path).name, exposure_s)
 
 
 def image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | None]:
@@ -108,6 +111,12 @@ def image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | 
         return found.pixels, None if middle is None else _written(middle), found.exposure.length_s
     stated, exposure_s = _of_record(Path(path).with_suffix(".json"))
     return read_image(path), stated, read_tags(path).exposure_s if exposure_s is None else exposure_s
+
+
+def first_shape(paths: Sequence[str]) -> tuple[int, ...] | None:
+    """Return the shape of the first image; None if there are only files of centroids."""
+    first = next((path for path in paths if Path(path).suffix.lower() != ".json"), None)
+    return None if first is None else image_and_time(first)[0].shape
 
 
 def learnt_mask(paths: Sequence[str]) -> NDArray[np.bool_] | None:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from typing import Literal
 
 from celnav.command.exif import PhotoTags
+from celnav.detecting.fits_file import is_fits
 from celnav.errors import TimeError
 from celnav.sky.utc import parse_utc
 
@@ -79,6 +80,16 @@ def exposure_time(tags: PhotoTags, utc: str | None, time_zone: str | None, stamp
         assumed.append(f"that time marks the {stamp} of {length}")
     written = middle.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".")
     return ExposureTime(f"{written}Z", tuple(assumed))
+
+
+def refuse_clock_options(path: str, time_zone: str | None, stamp: Stamp) -> None:
+    """Raise `TimeError` for options that would shift the time of a FITS image, whose header states it fully."""
+    options = [*(["--time-zone"] if time_zone is not None else []), *(["--exif-time-is"] if stamp != "start" else [])]
+    if options and is_fits(path):
+        raise TimeError(
+            f"{' and '.join(options)}: for clocks of photographs; the times in the header of the FITS file {path} are UTC, "
+            f"and its keywords (DATE-OBS) say what they mark: leave {'it' if len(options) == 1 else 'them'} out"
+        )
 
 
 def _on_the_clock(tags: PhotoTags, taken: datetime, time_zone: str | None) -> tuple[datetime, list[str]]:

@@ -66,7 +66,7 @@ def draw(answer: Answer, image: NDArray[np.generic], path: str) -> None:
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     _mark_stars(axes, answer)
-    if answer.R_cam is not None:
+    if answer.R_cam is not None and answer.camera is not None:
         _mark_horizon(axes, answer)
     figure.text(0.01, 1 - 0.2 / figure.get_figheight(), _title(answer), color="white", va="center", fontsize=11)
     figure.text(
@@ -103,7 +103,7 @@ def _mark_stars(axes: Axes, answer: Answer) -> None:
     axes.scatter(at[:MOST_RINGS, 0], at[:MOST_RINGS, 1], s=60, edgecolors=_FOUND, **circle)
     axes.scatter(at[MOST_RINGS:, 0], at[MOST_RINGS:, 1], s=1.5, color=_FOUND, linewidths=0)
     names, labelled = match_names(fix), np.empty((0, 2))
-    apart_px = LEAST_APART * answer.camera.width
+    apart_px = LEAST_APART * float(np.ptp(axes.get_xlim()))
     for place, row in zip(at[:MOST_NAMES], order[:MOST_NAMES], strict=True):
         if (np.hypot(*(labelled - place).T) > apart_px).all():
             _label(axes, place, names[row], _FOUND)
@@ -158,6 +158,7 @@ def _label(axes: Axes, uv: F8, text: str, colour: str = _FRAME) -> None:
 def _project(answer: Answer, azimuth_deg: F8, altitude_deg: F8) -> F8:
     """Project horizontal directions, shape (n,), to pixels, shape (n, 2); NaN outside the frame."""
     assert answer.R_cam is not None
+    assert answer.camera is not None
     azimuth, altitude = np.radians(azimuth_deg), np.radians(altitude_deg)
     enu = np.column_stack((np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)))
     fitted = (getattr(answer.fix.calibration, name) for name in PARAMETERS)

@@ -34,6 +34,10 @@ def read_sigmas(text: str | None) -> ToldSigmas:
             raise ConfigError(f"--sigma {shown(text)}: {name!r} must be one of {', '.join(_FIELDS)}, each at most once")
         try:
             values[_FIELDS[name]] = float(value)
+            ToldSigmas(**{_FIELDS[name]: values[_FIELDS[name]]})
+        except ConfigError as error:
+            reason = str(error).partition(f"{_FIELDS[name]} = ")[2]
+            raise ConfigError(f"--sigma {shown(text)}: {name} = {reason}") from None
         except ValueError:
             raise ConfigError(f"--sigma {shown(text)}: {name} = {value!r} must be a number") from None
     return ToldSigmas(**values)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from celnav.adjustment import CameraPriors
 from celnav.attitude import Attitude
@@ -20,14 +21,14 @@ from celnav.command.attitude_option import is_of_gravity, read_attitude
 from celnav.command.camera_file import read_camera_file
 from celnav.command.checks.remedies import check_size, naming_attitudes, naming_formats
 from celnav.command.exif import PhotoTags, read_tags
-from celnav.command.exposure_time import exposure_time
+from celnav.command.exposure_time import exposure_time, refuse_clock_options
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image, read_mask, refuse_raw, without_blanks
 from celnav.detection import FAINT_STARS, DetectionConfig, detect
 from celnav.detections import Detections
-from celnav.errors import CameraError, ConfigError
+from celnav.errors import CalibrationError, CameraError, CelnavError, ConfigError
 from celnav.fix import Fix, Reason
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
@@ -71,8 +72,10 @@ class _Clock:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         begun = time.perf_counter()
-        yield
-        self.time_ms[name] = 1000 * (time.perf_counter() - begun)
+        try:
+            yield
+        finally:
+            self.time_ms[name] = 1000 * (time.perf_counter() - begun)
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         near = _near(arguments.near, arguments.solver)
         sigmas = read_sigmas(arguments.sigma)
         told = None if _nothing_told(arguments, tags) else _lens(arguments, tags)
+        refuse_clock_options(arguments.image, arguments.time_zone, arguments.exif_time_is)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
         with naming_attitudes(arguments.attitude):
             attitude = read_attitude(arguments.attitude, tags.up, moment.utc)
@@ -124,8 +128,25 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     if told is None:
         from celnav.unknown_camera import find_camera
 
-        with clock.stage("finding the camera"):
-            lens, detections = _found_lens(find_camera(image, moment.utc, mask))
+        try:
+            with clock.stage("finding the camera"):
+                lens, detections = _found_lens(find_camera(image, moment.utc, mask))
+        except CalibrationError as error:  # no star is identified, or the picture is mirrored
+            fix = Fix.refusal(Reason.NO_HYPOTHESIS, str(error))
+            found = Answer(
+                fix=replace(fix, solver=arguments.solver),
+                detections=detect(image, mask),
+                camera=None,
+                camera_from="not found from the stars",
+                utc=moment.utc,
+                attitude=attitude,
+                R_cam=attitude_of(fix, moment.utc, arguments.dut1_s, attitude),
+                assumed=(*moment.assumed, *_of_attitude(arguments.attitude, attitude, tags)),
+                warnings=(),
+                time_ms=clock.time_ms,
+                sigmas=sigmas,
+            )
+            return _finished(found, image, arguments.plot, clock, started_s)
     else:
         lens = told
         with clock.stage("detection"):
@@ -148,7 +169,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             sigmas=sigmas,
         )
         stars = detections.without_faint()
-        fix = _with_hint_of_a_mirror(fix, stars, lens.camera, moment.utc, arguments.time_limit_s)
+        fix = _with_hint_of_a_mirror(fix, stars, lens.camera, moment.utc, arguments.time_limit_s, arguments.dut1_s)
         fix = _with_hint_of_other_lens(fix, lens, stars)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
@@ -167,17 +188,27 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         time_ms=clock.time_ms,
         sigmas=sigmas,
     )
-    if arguments.plot is not None:
+    return _finished(found, image, arguments.plot, clock, started_s)
+
+
+def _finished(found: Answer, image: NDArray[np.generic], plot: str | None, clock: _Clock, started_s: float) -> Answer:
+    """Draw the answer, if that is wanted, and end its times, which the answer shares with the clock."""
+    if plot is not None:
         from celnav.command.plot import draw
 
         with clock.stage("drawing"):
-            draw(found, image, arguments.plot)
+            draw(found, image, plot)
     clock.time_ms["total"] = 1000 * (time.perf_counter() - started_s)
     return found
 
 
 def _with_hint_of_a_mirror(
-    fix: Fix, detections: Detections, camera: Camera, utc: str, time_limit_s: float | None
+    fix: Fix,
+    detections: Detections,
+    camera: Camera,
+    utc: str,
+    time_limit_s: float | None,
+    dut1_s: float | None = None,
 ) -> Fix:
     """Add a hint to the message if the mirror image of the picture can be identified.
 
@@ -193,6 +224,8 @@ def _with_hint_of_a_mirror(
         Middle of the exposure.
     time_limit_s : float or None
         Time limit for the search of the mirror image.
+    dut1_s : float or None
+        UT1-UTC in seconds; None takes it from the IERS table.
     """
     if fix.reason not in NAMES_NO_STAR or detections.shape is None or len(detections) < FEWEST_TO_MIRROR:
         return fix
@@ -203,7 +236,11 @@ def _with_hint_of_a_mirror(
         streak_px=None if detections.streak_px is None else detections.streak_px * [1, -1],
     )
     # Solve without a vertical, since stars can be identified whatever the attitude of the mirrored camera.
-    named = solve(turned, replace(camera, cy_px=last - camera.cy_px), utc, None, time_limit_s=time_limit_s)
+    try:
+        mirrored = replace(camera, cy_px=last - camera.cy_px)
+        named = solve(turned, mirrored, utc, None, dut1_s=dut1_s, time_limit_s=time_limit_s)
+    except CelnavError:  # a hint that cannot be had must not replace the refusal
+        return fix
     return replace(fix, message=f"{fix.message}; {MIRRORED}") if named.reason is Reason.VERTICAL_REQUIRED else fix
 
 
@@ -237,7 +274,10 @@ def _near(text: str | None, solver: str) -> LastKnown | None:
         raise ConfigError(
             f"--near {shown(text)} must be latitude, longitude (deg) and radius (km), such as 48.2,16.4,50"
         ) from None
-    return LastKnown(lat_deg, lon_deg, radius_km)
+    try:
+        return LastKnown(lat_deg, lon_deg, radius_km)
+    except ConfigError as error:
+        raise ConfigError(f"--near {shown(text)}: {str(error).removeprefix('LastKnown: ')}") from None
 
 
 def _nothing_told(arguments: argparse.Namespace, tags: PhotoTags) -> bool:

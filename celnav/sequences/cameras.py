@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -22,16 +22,27 @@ from celnav.errors import AttitudeError, ConfigError
 from celnav.fix import Fix, Reason
 from celnav.position import Weather
 from celnav.problem import LastKnown, Solver
-from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_oriented, terrestrial_orientation
+from celnav.sequences.known_orientation import (
+    UNFOUND,
+    Orientation,
+    solve_oriented,
+    terrestrial_orientation,
+    without_place,
+)
 from celnav.sequences.shared_body import Body, Seen, adjust_body
+from celnav.sky.astrometry import enu_rotation
 from celnav.sky.utc import Utc, parse_utc
+from celnav.sky.wgs84 import MEAN_RADIUS_KM
 from celnav.solver import solve
+from celnav.uncertainty.contradicted import vertical_doubt_deg
 
 F8 = NDArray[np.float64]
 
 # If the others contradict a camera by more than this and five standard deviations, it is misidentified or not mounted as
 # stated.
 _LARGEST_CONTRADICTION_DEG = 1.0
+# Standard deviation of a zenith from stars whose refraction has not been removed.
+_REFRACTION_DEG = 0.1
 # A disagreement whose probability by chance is below this widens the covariance.
 _LEAST_CHANCE = 1e-3
 
@@ -96,7 +107,8 @@ class CamerasFix:
     chance : float
         Probability of as large a contradiction from errors of the stated sizes; NaN if there is nothing to compare.
     R_terrestrial_to_body : ndarray, shape (3, 3), or None
-        Orientation of the body relative to the Earth (ITRS), if a mounting is known.
+        Orientation of the body relative to the Earth (ITRS), if a mounting is known. If no vertical is known, it contains
+        the refraction.
     """
 
     ok: bool
@@ -122,7 +134,7 @@ class _Question:
     near: LastKnown | None
     solver: str | Solver
     attitude: Attitude | None
-    seen: dict[int, F8] = field(default_factory=dict)
+    dut1_s: float | None
 
 
 def solve_cameras(
@@ -132,14 +144,16 @@ def solve_cameras(
     *,
     pressure_hpa: float = 1010.0,
     temperature_c: float = 10.0,
+    dut1_s: float | None = None,
     near: LastKnown | None = None,
     solver: str | Solver = "skybench",
 ) -> CamerasFix:
     """Determine the position of cameras that look at the sky at one instant.
 
     Each camera is first solved alone. One that cannot be identified is searched again within four standard deviations of the
-    orientation that the others and the mountings imply; its own stars must still confirm the identification. Then stars,
-    mountings and attitudes are adjusted together.
+    orientation that the others and the mountings imply; its own stars must still confirm the identification. A mounted camera
+    without a vertical is solved again with the one that the others imply, which removes the refraction. Then stars, mountings
+    and attitudes are adjusted together.
 
     Parameters
     ----------
@@ -149,7 +163,7 @@ def solve_cameras(
         Middle of the exposures; the same for all.
     attitude : Attitude, 3x3 array_like or None
         Orientation of the body relative to the horizon, from a sensor that the cameras share; needs a mounting.
-    pressure_hpa, temperature_c, near, solver
+    pressure_hpa, temperature_c, dut1_s, near, solver
         As in `celnav.solve`; the solver must provide `Fix.R_icrs_to_camera` and `Fix.rotation_cov_rad2`.
 
     Raises
@@ -163,9 +177,13 @@ def solve_cameras(
     shared = as_attitude(attitude)
     if shared is not None and all(view.mounting is None for view in views):
         raise ConfigError("attitude is the body's: give the mounting of a camera, or the attitude in its CameraView")
-    question = _Question(views, parse_utc(utc), Weather(pressure_hpa, temperature_c), near, solver, shared)
-    fixes = [_alone(question, view) for view in views]
+    question = _Question(views, parse_utc(utc), Weather(pressure_hpa, temperature_c), near, solver, shared, dut1_s)
+    fixes = [_alone(question, view, _supposed(question, view)) for view in views]
     found = _together(question, fixes)
+    if found is not None and found.cov_km2 is not None and question.weather.pressure_hpa > 0:
+        upright = [_upright(question, view, fix, found) for view, fix in zip(views, fixes, strict=True)]
+        if any(again is not fix for again, fix in zip(upright, fixes, strict=True)):
+            fixes, found = upright, _together(question, upright)
     helped = []
     if found is not None:
         for number, view in enumerate(views):
@@ -173,9 +191,10 @@ def solve_cameras(
             if fixes[number].reason not in UNFOUND or known is None:
                 continue
             fix = solve_oriented(
-                view.detections, view.camera, question.utc, _own(view), known, solver, question.weather, view.flux
-            )
-            if terrestrial_orientation(fix, question.utc) is not None:
+                view.detections, view.camera, question.utc, _own(view), known, solver, question.weather, view.flux,
+                dut1_s=dut1_s,
+            )  # fmt: skip
+            if terrestrial_orientation(fix, question.utc, dut1_s) is not None:
                 fixes[number] = fix
                 helped.append(number)
         if helped:
@@ -183,14 +202,37 @@ def solve_cameras(
     return replace(_answer(question, fixes, found), fixes=tuple(fixes), helped=tuple(helped))
 
 
-def _alone(question: _Question, view: CameraView) -> Fix:
+def _alone(question: _Question, view: CameraView, attitude: Attitude | None) -> Fix:
+    return solve(
+        view.detections, view.camera, question.utc, attitude, question.solver, flux=view.flux,
+        pressure_hpa=question.weather.pressure_hpa, temperature_c=question.weather.temperature_c, dut1_s=question.dut1_s,
+        near=question.near,
+    )  # fmt: skip
+
+
+def _upright(question: _Question, view: CameraView, fix: Fix, found: Body) -> Fix:
+    """Return the fix of a camera without a vertical, solved again with that of the position, which removes the refraction.
+
+    The zenith follows from the camera's own stars and the position that the others gave; any other fix is unchanged. The new
+    one has no position either, since that would depend on the others.
+    """
+    rotation = terrestrial_orientation(fix, question.utc, question.dut1_s)
+    if rotation is None or view.mounting is None or _supposed(question, view) is not None:
+        return fix
+    assert found.cov_km2 is not None
+    sigma_deg = math.degrees(math.sqrt(float(np.linalg.eigvalsh(found.cov_km2)[-1])) / MEAN_RADIUS_KM)
+    zenith = enu_rotation(found.lat_deg, found.lon_deg)[2]
+    attitude = Attitude.up(rotation @ zenith, math.hypot(sigma_deg, _REFRACTION_DEG))
+    again = _alone(question, view, attitude)
+    return without_place(again) if again.ok else fix
+
+
+def _supposed(question: _Question, view: CameraView) -> Attitude | None:
+    """Return a camera's own attitude, else that of the body with the camera's mounting."""
     attitude = _own(view)
     if attitude is None and question.attitude is not None and view.mounting is not None:
         attitude = _of_camera(question.attitude, view)
-    return solve(
-        view.detections, view.camera, question.utc, attitude, question.solver, flux=view.flux,
-        pressure_hpa=question.weather.pressure_hpa, temperature_c=question.weather.temperature_c, near=question.near,
-    )  # fmt: skip
+    return attitude
 
 
 def _own(view: CameraView) -> Attitude | None:
@@ -212,12 +254,14 @@ def _together(question: _Question, fixes: Sequence[Fix]) -> Body | None:
     """Adjust all cameras together; None if none is identified."""
     seen = []
     for view, fix in zip(question.views, fixes, strict=True):
-        rotation = terrestrial_orientation(fix, question.utc)
+        rotation = terrestrial_orientation(fix, question.utc, question.dut1_s)
         mounting = None if view.mounting is None else np.asarray(view.mounting)
         if rotation is None and mounting is None:
             continue
-        sigma = math.radians(view.mounting_sigma_deg)
-        seen.append(Seen(rotation, fix.rotation_cov_rad2, mounting, sigma, _own(view)))
+        # The mounting was measured with the same lens as the attitude.
+        doubt = vertical_doubt_deg(fix)
+        sigma = math.radians(math.hypot(view.mounting_sigma_deg, doubt))
+        seen.append(Seen(rotation, fix.rotation_cov_rad2, mounting, sigma, _own(view), doubt))
     return adjust_body(seen, question.attitude)
 
 

@@ -30,7 +30,8 @@ GATE = 21.108
 FEWEST_FOR_CORRELATION = 8
 # Least number of frames that leave enough degrees of freedom for the scatter after fitting a line.
 FEWEST_FOR_LINE = 4
-_MOST_FOR_SLOPE = 400
+# Number of frames, spread evenly, with which all are compared where there are more.
+_MOST_COMPARED = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +117,13 @@ def combine(rotations: F8, covs: F8, times_s: F8) -> FixedMount:
 
 def _most_central(rotations: F8) -> int:
     """Return the row of the rotation with the least median distance to the others, which one wrong frame does not affect."""
-    cosines = (np.einsum("aij,bij->ab", rotations, rotations) - 1) / 2
+    cosines = (np.einsum("aij,bij->ab", rotations, rotations[_spread(len(rotations))]) - 1) / 2
     return int(np.argmax(np.median(cosines, axis=1)))
+
+
+def _spread(n: int) -> Rows:
+    """Return all of n rows, or as many of them, spread evenly, as frames are compared with."""
+    return np.unique(np.linspace(0, n - 1, min(n, _MOST_COMPARED)).astype(np.intp))
 
 
 def _consistent(turns: F8, covs: F8, times_s: F8) -> tuple[Rows, float]:
@@ -160,8 +166,7 @@ def _robust_line(turns: F8, times_s: F8) -> F8:
     if design.shape[1] == 1:
         return np.broadcast_to(np.median(turns, axis=0), turns.shape)
     since = design[:, 1]
-    # If there are more frames, this many, spread evenly, suffice for the slope.
-    some = np.unique(np.linspace(0, len(turns) - 1, min(len(turns), _MOST_FOR_SLOPE)).astype(int))
+    some = _spread(len(turns))
     apart = since[some][:, None] - since[some][None, :]
     rise = turns[some][:, None, :] - turns[some][None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -23,6 +23,7 @@ from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.utc import Utc
 from celnav.solver import solve
+from celnav.uncertainty.contradicted import vertical_doubt_deg
 
 F8 = NDArray[np.float64]
 
@@ -54,13 +55,13 @@ class Orientation:
     lon_deg: float = math.nan
 
 
-def terrestrial_orientation(fix: Fix, utc: Utc) -> F8 | None:
+def terrestrial_orientation(fix: Fix, utc: Utc, dut1_s: float | None = None) -> F8 | None:
     """Return the rotation from ITRS to camera, shape (3, 3), if the stars of the frame were identified, else None."""
     if fix.reason not in (Reason.OK, Reason.VERTICAL_REQUIRED) or fix.rotation_cov_rad2 is None:
         return None
     if fix.R_icrs_to_camera is None:
         return None
-    return np.asarray(fix.R_icrs_to_camera @ celestial_to_terrestrial(utc, earth_orientation(utc)).T)
+    return np.asarray(fix.R_icrs_to_camera @ celestial_to_terrestrial(utc, earth_orientation(utc, dut1_s)).T)
 
 
 def solve_oriented(
@@ -73,12 +74,13 @@ def solve_oriented(
     weather: Weather,
     flux: ArrayLike | None = None,
     sigmas: ToldSigmas | None = None,
+    dut1_s: float | None = None,
 ) -> Fix:
     """Solve a frame near a known orientation; the position comes from its own stars and the supplied attitude.
 
     Parameters
     ----------
-    detections, camera, utc, attitude, solver, flux, sigmas
+    detections, camera, utc, attitude, solver, flux, sigmas, dut1_s
         As in `celnav.solve`.
     known : Orientation
         Orientation near which to search.
@@ -94,20 +96,23 @@ def solve_oriented(
     fix = solve(
         detections, camera, utc, supposed, solver, flux=flux, temperature_c=weather.temperature_c,
         pressure_hpa=weather.pressure_hpa if upright else 0.0, near=LastKnown(lat, lon, _RADIUS_KM),
-        sigmas=sigmas,
+        sigmas=sigmas, dut1_s=dut1_s,
     )  # fmt: skip
-    rotation = terrestrial_orientation(fix, utc)
+    rotation = terrestrial_orientation(fix, utc, dut1_s)
     if rotation is None:
         return fix
     if attitude is None:
-        message = (
-            "the stars are identified and give R_icrs_to_camera; a position needs the vertical too: give Attitude.up"
-        )
-        fix = replace(fix, ok=False, reason=Reason.VERTICAL_REQUIRED, message=message)
-        return replace(fix, lat_deg=math.nan, lon_deg=math.nan, cov_km2=None, heading_off_deg=math.nan)
+        return without_place(fix)
     assert fix.rotation_cov_rad2 is not None
-    place = honest_place(rotation, fix.rotation_cov_rad2, attitude)
+    place = honest_place(rotation, fix.rotation_cov_rad2, attitude, doubt_deg=vertical_doubt_deg(fix))
     cov_km2 = place.cov_km2 if sigmas is None else sigmas.with_time(place.cov_km2, place.lat_deg)
     return replace(
         fix, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=cov_km2, heading_off_deg=place.heading_off_deg
     )
+
+
+def without_place(fix: Fix) -> Fix:
+    """Return the fix of a camera without a vertical of its own: its orientation, and no position."""
+    message = "the stars are identified and give R_icrs_to_camera; a position needs the vertical too: give Attitude.up"
+    fix = replace(fix, ok=False, reason=Reason.VERTICAL_REQUIRED, message=message)
+    return replace(fix, lat_deg=math.nan, lon_deg=math.nan, cov_km2=None, heading_off_deg=math.nan)

@@ -28,7 +28,9 @@ from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_orien
 from celnav.sequences.lifted_sky import LiftedSky
 from celnav.sky.astrometry import enu_rotation
 from celnav.sky.utc import Utc, parse_utc
+from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import solve
+from celnav.uncertainty.contradicted import vertical_doubt_deg
 from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA
 
 F8 = NDArray[np.float64]
@@ -163,6 +165,8 @@ class Night:
     sigmas : ToldSigmas
         Stated standard deviations of time, lens and air. These errors are the same in all frames, so they enter the
         covariance once, not averaged over frames.
+    dut1_s : float or None
+        UT1-UTC in seconds, the same for all frames; None takes it from the IERS table.
 
     Examples
     --------
@@ -181,6 +185,7 @@ class Night:
     near: LastKnown | None = None
     solver: str | Solver = "skybench"
     sigmas: ToldSigmas = field(default_factory=ToldSigmas)
+    dut1_s: float | None = None
     _frames: list[_Frame] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
@@ -210,7 +215,7 @@ class Night:
         assert known is None or isinstance(known, Attitude)
         fix = solve(
             detections, self.camera, instant, known, self.solver, flux=flux, pressure_hpa=self.pressure_hpa,
-            temperature_c=self.temperature_c, near=self.near, sigmas=self.sigmas,
+            temperature_c=self.temperature_c, dut1_s=self.dut1_s, near=self.near, sigmas=self.sigmas,
         )  # fmt: skip
         self._frames.append(_Frame(instant, detections, flux, fix))
         return fix
@@ -229,7 +234,7 @@ class Night:
         """Combine the identified frames."""
         rows, rotations, covs, common = [], [], [], []
         for number, frame in enumerate(self._frames):
-            rotation = terrestrial_orientation(frame.fix, frame.utc)
+            rotation = terrestrial_orientation(frame.fix, frame.utc, self.dut1_s)
             if rotation is not None and frame.fix.rotation_cov_rad2 is not None:
                 rows.append(number)
                 rotations.append(rotation)
@@ -283,17 +288,10 @@ class Night:
             if frame.fix.reason not in UNFOUND:
                 continue
             fix = solve_oriented(
-                frame.detections,
-                self.camera,
-                frame.utc,
-                self.attitude,
-                known,
-                self.solver,
-                weather,
-                frame.flux,
-                self.sigmas,
-            )
-            if terrestrial_orientation(fix, frame.utc) is not None:
+                frame.detections, self.camera, frame.utc, self.attitude, known, self.solver, weather, frame.flux,
+                self.sigmas, self.dut1_s,
+            )  # fmt: skip
+            if terrestrial_orientation(fix, frame.utc, self.dut1_s) is not None:
                 self._frames[number] = replace(frame, fix=fix)
                 some = True
         return some
@@ -326,7 +324,9 @@ class Night:
         turned = EARTH_RAD_S * self.clock_sigma_s
         assert night.cov_rad2 is not None
         cov = night.cov_rad2 + turned**2 * np.outer(pole, pole)
-        place = honest_place(mount.rotation, cov, attitude)
+        # The vertical is the same in every frame, and so is what the lens puts in doubt of it.
+        doubt = max(vertical_doubt_deg(self._frames[number].fix) for number in night.used)
+        place = honest_place(mount.rotation, cov, attitude, doubt_deg=doubt)
         latitude = None
         if night.axis_camera is not None:
             up = horizontal_frame(attitude)[:, 2]
@@ -334,10 +334,10 @@ class Night:
             off = 0.0
             if night.turn_chance < LEAST_CHANCE:  # the observed axis is that of Earth and mount combined
                 off = math.degrees(float(np.linalg.norm(np.cross(pole, night.axis_camera))))
-            sigma = math.hypot(attitude.tilt_deg, night.axis_sigma_deg, off)
+            sigma = math.hypot(attitude.tilt_deg, doubt, night.axis_sigma_deg, off)
             latitude = Estimate(math.degrees(math.asin(sine)), sigma)
-        limit = 1.0 + 5 * attitude.heading_deg
-        if heading_contradicts(place, limit):
+        config = self.solver.config if isinstance(self.solver, SkybenchSolver) else SkybenchConfig()
+        if heading_contradicts(place, config.heading_limit_deg(attitude, self.sigmas, self.camera)):
             message = f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
             return replace(night, reason=Reason.INCONSISTENT, message=message, latitude_deg=latitude)
         return replace(

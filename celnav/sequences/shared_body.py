@@ -41,6 +41,8 @@ class Seen:
         Standard deviation of the mounting about each axis.
     attitude : Attitude or None
         Orientation relative to the horizon from the camera's own sensor.
+    doubt_deg : float
+        Standard deviation about each axis by which the camera's lens puts that attitude in doubt.
     """
 
     rotation: F8 | None
@@ -48,6 +50,7 @@ class Seen:
     mounting: F8 | None
     mounting_sigma_rad: float
     attitude: Attitude | None
+    doubt_deg: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +176,7 @@ def _start(
             rotation = one.mounting @ body
             known = one.mounting @ cov @ one.mounting.T + one.mounting_sigma_rad**2 * np.eye(3)
         cameras.append(rotation)
-        attitudes.append(None if one.attitude is None else doubted(rotation, known, one.attitude))
+        attitudes.append(None if one.attitude is None else doubted(rotation, known, one.attitude, one.doubt_deg))
     attitudes.append(None if attitude is None or body is None else doubted(body, cov, attitude))
     state = _State(body, cameras, 0.0, 0.0)
     for known_attitude, oriented in zip(attitudes, [*cameras, body], strict=True):

@@ -1,7 +1,8 @@
 """Exposure times in FITS headers: start, middle and duration of the exposure, or the reason why they are not available.
 
 Source: Rots et al. 2015, A&A 574, A36 (FITS time). DATE-OBS is the start unless the header has DATE-BEG, DATE-AVG or
-DATE-END; TIMESYS states a time scale other than UTC. Older headers have the time of day in a separate keyword.
+DATE-END; TIMESYS states a time scale other than UTC, such as UT1, which is up to 0.9 s away. Older headers have the time of
+day in a separate keyword.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _EXPOSURES = ("EXPTIME", "EXPOSURE", "XPOSURE", "EXP_TIME")
 _YEARS = (1900, 2200)
 _TIMES_OF_DAY = ("TIME-OBS", "UT", "UTC", "UTSTART", "UTC-OBS", "UT-OBS", "TIME-BEG")
 _MJD_EPOCH = datetime(1858, 11, 17, tzinfo=UTC)
-_SCALES = ("", "UTC", "UT", "UT1", "GMT", "Z")
+_SCALES = ("", "UTC", "UT", "GMT", "Z")
 # File name of the mean of a block of video frames, as used by stations of the Global Meteor Network.
 _BLOCK_NAME = re.compile(r"FF_?\w*?_(\d{8})_(\d{6})_(\d{3})_")
 

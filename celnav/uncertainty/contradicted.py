@@ -44,6 +44,8 @@ LEAST_EXPLAINED = 0.2
 LEAST_OF_FREE = 0.4
 """The same where the lens is free from the start: with more parameters it bends farther into a wrong place."""
 CLEAR_SIGMAS = 5.0
+VERTICAL_DOUBT = "vertical_doubt_deg"
+"""Key of `Fix.details`: standard deviation about each axis by which the lens puts the vertical in doubt, degrees."""
 _WORST_CONDITION = 1e10
 _LEAST_CONTRADICTION = 11.34  # chi-squared of three degrees of freedom that chance exceeds in one frame of a hundred
 
@@ -149,8 +151,17 @@ def _doubted(fix: Fix) -> Fix:
     if fix.cov_km2 is None:
         return fix
     doubt_km2 = (FREED_CENTRE * MEAN_RADIUS_KM) ** 2
-    details = {**fix.details, "lens_doubt_deg": math.degrees(FREED_CENTRE)}
+    doubt = math.degrees(FREED_CENTRE)
+    details = {**fix.details, "lens_doubt_deg": doubt, VERTICAL_DOUBT: math.hypot(doubt, vertical_doubt_deg(fix))}
     return replace(fix, cov_km2=fix.cov_km2 + doubt_km2 * np.eye(2), details=details)
+
+
+def vertical_doubt_deg(fix: Fix) -> float:
+    """Return the standard deviation about each axis by which the lens of a fix puts its vertical in doubt, degrees.
+
+    `Fix.cov_km2` contains it; `Fix.rotation_cov_rad2` does not, since it is no error of the stars.
+    """
+    return float(fix.details.get(VERTICAL_DOUBT, 0.0))
 
 
 def doubt_deg(adjusted: Adjusted, camera: Camera, told: ToldSigmas, held: CameraPriors) -> float:

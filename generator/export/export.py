@@ -13,7 +13,6 @@ from generator.export.fits_image import export_fits
 from generator.export.form import ExportOptions, Form, Progress
 from generator.export.huggingface import export_huggingface
 from generator.export.plain_files import export_files
-from generator.export.withheld import export_withheld
 from generator.export.yolo import export_yolo
 
 EXPORTS: dict[str, Form] = {
@@ -22,7 +21,6 @@ EXPORTS: dict[str, Form] = {
     "yolo": export_yolo,
     "fits": export_fits,
     "huggingface": export_huggingface,
-    "withheld": export_withheld,
 }
 ADDS_TO_A_FOLDER = {"huggingface"}
 """Formats that add another split to those in a folder."""

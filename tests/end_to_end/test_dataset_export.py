@@ -34,7 +34,6 @@ from generator.export.export import EXPORTS, export
 from generator.export.fits_image import fits_file
 from generator.export.form import ExportOptions
 from generator.export.full_pixels import FullPixels
-from generator.export.withheld import withheld_name
 from generator.frame.manifest import FRAMES_MANIFEST
 from generator.frame.record import frame_record, record_bytes
 from generator.frame.render import png_bytes, render_frame
@@ -312,30 +311,6 @@ def frame_of(model: str, attitude: dict[str, float]) -> Frame:
     return Frame("frame-00000", members, Path("made"), lambda table, index: tables[table])
 
 
-def test_withheld_copy_tells_nothing_of_the_truth(dataset, tmp_path) -> None:
-    export(dataset, "withheld", tmp_path / "out")
-    opened = Dataset.open(dataset)
-    frames = opened.frames().to_pylist()
-    names = [withheld_name(opened.manifest.scenario_sha256, row["index"]) for row in frames]
-    assert [entry["frame_id"] for entry in json.loads((tmp_path / "out/frames.json").read_text())] == sorted(names)
-    text = "".join(path.read_text() for path in (tmp_path / "out").glob("*.json"))
-    secrets = [
-        "site",
-        '"sky"',
-        "stars",
-        "scenario",
-        "seed",
-        "frame-0",
-        opened.manifest.scenario_sha256,
-        "latitude",
-        "bortle",
-    ]
-    assert [secret for secret in secrets if secret in text] == []
-    public = json.loads((tmp_path / f"out/{names[0]}.json").read_text())
-    assert public["camera"]["f_px"] == pytest.approx(frames[0]["f_px"])
-    assert public["time"]["utc_mid"] == frames[0]["utc_mid"]
-
-
 def test_the_command_knows_every_form() -> None:
     assert set(FORMS) == set(EXPORTS)
 
@@ -370,7 +345,7 @@ def test_the_command_takes_a_least_snr(dataset, tmp_path) -> None:
 
 
 def test_refusals(dataset, tmp_path) -> None:
-    with pytest.raises(GeneratorError, match="one of files, coco, yolo, fits, huggingface, withheld"):
+    with pytest.raises(GeneratorError, match="one of files, coco, yolo, fits, huggingface"):
         export(dataset, "mp4", tmp_path / "out")
     (tmp_path / "full").mkdir()
     (tmp_path / "full/a").write_text("")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -246,6 +247,47 @@ def test_a_heading_that_a_night_contradicts_widens_the_vertical():
     error = offset_km(found)
     assert np.hypot(*error) > 10
     assert error @ np.linalg.solve(found.cov_km2, error) < 9.2  # two degrees of freedom, one in 100
+
+
+def test_a_night_accepts_the_headings_that_its_frames_accept():
+    """A mount turned by 3 deg since its attitude was told: up to 5 deg, one whose tilt is uncertain counts as moved."""
+    told = celnav.Attitude.with_sigma(turned([0, 0, 1], 3.0) @ R_CAM, tilt_deg=0.05, heading_deg=0.1)
+    night = celnav.Night(CAMERA, told)
+    for second in (0, 3600):
+        uv, flux = frame(later(second), np.random.default_rng([17, second]))
+        assert night.add(uv, later(second), flux=flux).ok
+    found = night.fix()
+    assert found.ok, found.message
+    error = offset_km(found)
+    assert error @ np.linalg.solve(found.cov_km2, error) < 9.2  # two degrees of freedom, one in 100
+    strict = celnav.SkybenchSolver(celnav.SkybenchConfig(max_moved_deg=1.0))
+    assert celnav.Night(CAMERA, told, solver=strict, _frames=night._frames).fix().reason == "inconsistent"
+
+
+def test_the_most_central_of_many_frames_takes_little_memory():
+    """6,000 frames: 400 of them are compared with all, 19 MB; all with all would be 288 MB."""
+    rotations, covs = draws(6000, np.random.default_rng(18), 1e-4, 0.0)
+    tracemalloc.start()
+    found = combine(rotations, covs, np.arange(6000.0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 150e6
+    assert len(found.used) > 5900
+
+
+def test_a_time_outside_the_table_needs_dut1():
+    """In 2090 no table says UT1-UTC; a night and cameras that are told it give a place."""
+    late = Utc(START.mjd_day + 24838, START.second_of_day_s)
+    uv, flux = frame(START, np.random.default_rng(19))
+    for dut1_s in (None, 0.1):
+        night, view = celnav.Night(CAMERA, UP, dut1_s=dut1_s), celnav.CameraView(uv, CAMERA, UP, flux=flux)
+        if dut1_s is None:
+            with pytest.raises(celnav.CelnavError, match="dut1_s"):
+                night.add(uv, late, flux=flux)
+            continue
+        night.add(uv, late, flux=flux)
+        alone, found = night.fix(), celnav.solve_cameras([view], late, dut1_s=dut1_s)
+        assert (found.lat_deg, found.lon_deg) == pytest.approx((alone.lat_deg, alone.lon_deg), abs=1e-6)
 
 
 def test_a_frame_of_few_stars_is_found_by_the_others():

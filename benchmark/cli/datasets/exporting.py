@@ -13,7 +13,7 @@ from benchmark.cli.progress import progress_bars
 from benchmark.errors import BenchmarkError
 from generator.errors import GeneratorError
 
-FORMS = ("files", "coco", "yolo", "fits", "huggingface", "withheld")
+FORMS = ("files", "coco", "yolo", "fits", "huggingface")
 """Forms of export, listed here so that shell completion need not load any of them."""
 
 
@@ -28,7 +28,7 @@ def export(
         str,
         typer.Option(
             "--to",
-            help="files, coco, yolo, fits, huggingface, or withheld (without its truth).",
+            help="files, coco, yolo, fits or huggingface.",
             autocompletion=lambda: list(FORMS),
         ),
     ],
@@ -41,7 +41,10 @@ def export(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a dataset in another form: for detectors, for astronomers, or without its truth."""
+    """Write a dataset in another form, for detectors or for astronomers.
+
+    A copy without its truth is made by `skybench bench pack-test`.
+    """
     from generator.dataset.reader import Dataset
     from generator.export.export import export as write
     from generator.export.form import ExportOptions

@@ -27,7 +27,11 @@ class Measured(Protocol):
 
 @dataclass(frozen=True)
 class Column:
-    """One number of an entry; `first` is the direction in which the first click on its heading sorts."""
+    """One number of an entry.
+
+    `first` is the direction in which the first click on its heading sorts. What is `wide` is left out where there is no room:
+    on telephones, and in tables with many other columns.
+    """
 
     heading: str
     hint: str
@@ -35,6 +39,7 @@ class Column:
     form: Callable[[float], str]
     first: str
     is_share: bool = False
+    wide: bool = False
 
     def value(self, entry: Measured) -> str:
         """Format the number."""
@@ -107,8 +112,9 @@ TIME = Column("median time, ms", "per frame", _metric("median_time_ms"), number,
 BOUND = Column("error / bound", "median of identified fixes", _metric("identified_bound_ratio"), number, "ascending")
 NEES = Column("NEES", "identified fixes; honest: 2", _metric("nees"), number, "ascending")
 RISK = Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending")
-LEADING = (SUCCESS, BOUND, NEES, WRONG, TIME)
-"""The four numbers that lead every table: success, error over bound, calibration (two columns), time."""
+NAMED = Column("stars named right", "most of a frame's", _metric("stars_named_right"), percent, "descending", wide=True)
+LEADING = (SUCCESS, NAMED, BOUND, NEES, WRONG, TIME)
+"""The four numbers that lead every table: success (two columns), error over bound, calibration (two columns), time."""
 SHORT = (MEDIAN, RISK)
 """Columns of a set's main table after the leading ones, rank and break point."""
 _LIMITS = tuple(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from benchmark.report.site.boards import Board, Entry
-from benchmark.report.site.columns import BOUND, LEADING, NEES, RISK, SUCCESS, TIME, WRONG, Column
+from benchmark.report.site.columns import BOUND, LEADING, NAMED, NEES, RISK, SUCCESS, TIME, WRONG, Column
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.overall import geometric_mean_of, mean_of
 
@@ -17,6 +17,7 @@ COLUMNS = (*LEADING, RISK)
 _SUCCESS_KEY = "success"
 KEYS: dict[Column, str] = {
     SUCCESS: _SUCCESS_KEY,
+    NAMED: "stars_named_right",
     BOUND: "identified_bound_ratio",
     NEES: "nees",
     WRONG: "wrong_and_confident",
@@ -44,8 +45,8 @@ class OverallRow:
         Number of sets. Where the solver did not answer all of them, its numbers are undefined, because they would be of
         easier or harder frames than those of others.
     metrics : mapping of str to Estimate
-        Values of `COLUMNS`, by the metrics' keys. A number of identified fixes that a solver only has on some sets (it has
-        no such fix on the others) is the mean over these.
+        Values of `COLUMNS`, by the metrics' keys. A number that a solver only has on some sets (on the others it has no
+        identified fix, or nobody can name the stars) is the mean over these.
     lacking : mapping of str to int
         Number of sets without the number, by key; zeros are omitted.
     """

@@ -23,7 +23,14 @@ from benchmark.report.site.failures import KINDS, Failure, counts_by_kind, failu
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.leaderboard_figure import leaderboard_svg
 from benchmark.report.site.overall import COLUMNS as OVERALL_COLUMNS
-from benchmark.report.site.pictures import MOST_PICTURES, Pictures, remove_others, worst_cards, write_pictures
+from benchmark.report.site.pictures import (
+    MOST_PICTURES,
+    Pictures,
+    remove_others,
+    worst_cards,
+    write_into,
+    write_pictures,
+)
 from benchmark.report.site.revisions import (
     board_pattern,
     entries_of,
@@ -42,7 +49,6 @@ from benchmark.run.results import writing
 from benchmark.stats.confidence import RiskCoverage
 from benchmark.stats.intervals import Estimate
 from generator.drawing.palette import palette_sheet
-from generator.files import write_bytes
 
 SITE_FOLDER = "site"
 _SHEETS = ("page.css", "figure.css", "site/site.css")
@@ -92,7 +98,7 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
     Raises
     ------
     ResultsError
-        A picture is damaged, or the pages cannot be written.
+        A picture is damaged, or the pages cannot be written in their folder.
     """
     folder, source = places.out / SITE_FOLDER, FrameSource(places.data)
     with writing(folder):
@@ -103,7 +109,7 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
         ]
         pages = render_site(boards, failed, pictures, places)
         for name, text in (*shared_files().items(), *pages.items()):
-            write_bytes(folder / name, text.encode())
+            write_into(folder, name, text.encode())
         for old in folder.glob("*.html"):
             if old.name not in pages:
                 old.unlink()

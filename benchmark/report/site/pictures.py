@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmark.errors import ResultsError
 from benchmark.judge.outcome import DetectionRow
 from benchmark.report.overlay import Overlay, draw_overlay
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.failures import Failure, pictured_frames
 from benchmark.report.site.frame_source import FrameSource, rendered_id
-from generator.files import write_bytes
+from generator.errors import GeneratorError
+from generator.files import path_within, write_bytes
 
 PICTURES_FOLDER = "pictures"
 MOST_PICTURES = 100
@@ -78,7 +80,7 @@ def write_pictures(
     Raises
     ------
     ResultsError
-        A picture or a table is damaged.
+        A picture or a table is damaged, or its name leads out of the folder.
     """
     stored = board.entries[0].stored
     images = Path(PICTURES_FOLDER) / f"{board.task.key}-{board.split}"
@@ -92,7 +94,7 @@ def write_pictures(
         picture = source.picture(stored, frame_id, PICTURE_WIDTH_PX)
         if picture is None:
             return Pictures()
-        write_bytes(site / place, picture)
+        write_into(site, place.as_posix(), picture)
         frames[rendered] = place.as_posix()
     stars = source.true_stars(stored, chosen)
     overlays: dict[tuple[int, str], str] = {}
@@ -102,10 +104,19 @@ def write_pictures(
         folder = images.with_name(f"{images.name}-{board.detections}")
         name = re.sub(r"[^A-Za-z0-9._+-]", "-", entry.label)
         for frame_id, rows in entry.stored.detections_in(ids).items():
-            path = folder / f"{frame_id}-{name}.svg"
-            write_bytes(site / path, _svg(_overlay(entry, frame_id, rows, stars.get(frame_id, ()))).encode())
-            overlays[(place, frame_id)] = path.as_posix()
+            path = (folder / f"{frame_id}-{name}.svg").as_posix()
+            write_into(site, path, _svg(_overlay(entry, frame_id, rows, stars.get(frame_id, ()))).encode())
+            overlays[(place, frame_id)] = path
     return Pictures(frames, overlays, at_hand=True)
+
+
+def write_into(site: Path, place: str, content: bytes) -> None:
+    """Write a file into the folder of the pages. Raises ResultsError where its name leads out of it."""
+    try:
+        path = path_within(site, place)
+    except GeneratorError as error:
+        raise ResultsError(str(error)) from error
+    write_bytes(path, content)
 
 
 def worst_cards(board: Board, pictures: Pictures) -> list[Card]:

@@ -16,7 +16,10 @@ from benchmark.report.site.tree import TaskFacts
 from benchmark.report.site.words import joined, run_words, site_provenance, site_verdict
 
 COLOURS = 8
-_QUESTIONS = {"own": "Whole system: own detections", "shared": "Identification alone: shared detections"}
+_QUESTIONS = {
+    "own": "Whole system: own detections",
+    "shared": "Same detections for all: what identification and the fix make of them",
+}
 _MATRICES = (
     (
         "success",

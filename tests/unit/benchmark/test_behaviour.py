@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import celnav
-from benchmark.solvers.definition import SolverFolder, read_solver_folder
+from benchmark.solvers.definition import FOLDER, SolverFolder, read_solver_folder
 from benchmark.solvers.registry import known_solvers, solver_folder, solvers_by_themselves
 from benchmark.solvers.revision import (
     PackageTree,
@@ -243,12 +243,12 @@ def program(folder: Path, text: str, spec: str = "") -> SolverFolder:
     return read_solver_folder(folder)
 
 
-def test_of_a_program_all_files_count_and_of_its_python_the_syntax(tmp_path: Path) -> None:
+def test_of_a_program_every_byte_counts_because_it_can_read_its_own_files(tmp_path: Path) -> None:
     before = program(tmp_path, "print(1)").revision
-    assert program(tmp_path, '"""What it is for."""\nprint( 1 )  # one\n').revision == before
-    assert program(tmp_path, "print(2)").revision != before
+    for text in ('"""What it is for."""\nprint(1)', "print(1)  # 48.1 N", "print( 1 )", "print(2)"):
+        assert program(tmp_path, text).revision != before
     assert program(tmp_path, "print(1)", "time_limit_s: 3\n").revision != before
-    assert program(tmp_path, "print(1)", "# how long is enough\n").revision == before
+    assert program(tmp_path, "print(1)", "# 48.1 N\n").revision != before
     (tmp_path / "README.md").write_text("# What it is")
     assert program(tmp_path, "print(1)").revision == before
     (tmp_path / "more").mkdir()
@@ -259,12 +259,32 @@ def test_of_a_program_all_files_count_and_of_its_python_the_syntax(tmp_path: Pat
     assert program(tmp_path, "print(1)").revision != before
 
 
+@pytest.fixture
+def packages(tmp_path: Path) -> PackageTree:
+    """Today's packages in another tree, whose solvers may be edited."""
+    shutil.copytree(FOLDER, tmp_path / "benchmark" / "solvers", ignore=shutil.ignore_patterns("__pycache__"))
+    found = PackageTree(tmp_path)
+    found.__dict__["sources"] = installed_packages().sources
+    found.__dict__["catalogues"] = installed_packages().catalogues
+    return found
+
+
 @pytest.mark.parametrize("name", solvers_by_themselves())
-def test_what_a_contestants_readme_says_changes_nothing(name: str, tmp_path: Path) -> None:
+def test_what_a_contestants_readme_says_changes_nothing(name: str, packages: PackageTree) -> None:
     solver = solver_folder(name)
-    shutil.copytree(solver.folder, tmp_path / "copy")
-    (tmp_path / "copy" / "README.md").unlink(missing_ok=True)
-    assert read_solver_folder(tmp_path / "copy").revision == solver.revision
+    copy = read_solver_folder(packages.solvers / solver.folder.name)
+    (copy.folder / "README.md").unlink(missing_ok=True)
+    assert copy.revision_among(packages) == solver.revision
+
+
+def test_of_programs_that_come_with_skybench_the_syntax_counts(packages: PackageTree) -> None:
+    solver = solver_folder("seiza")
+    copy = read_solver_folder(packages.solvers / "seiza")
+    text = (copy.folder / "program.py").read_text()
+    (copy.folder / "program.py").write_text(f"# a comment\n{text}")
+    assert copy.revision_among(packages) == solver.revision
+    (copy.folder / "program.py").write_text(f"{text}\nprint()\n")
+    assert copy.revision_among(packages) != solver.revision
 
 
 def test_what_a_solver_yaml_says_for_readers_changes_nothing(tmp_path: Path) -> None:

@@ -36,6 +36,14 @@ def test_a_blend_may_be_named_after_any_star_of_half_the_brightest(electrons, ri
     assert score_matches(UV, np.array([[1, 55]]), truth).n_correct == right
 
 
+def test_a_star_counts_once_however_often_it_is_named():
+    truth = TruthStars(np.array([7, 8]), np.array([[0.0, 0.0], [50.0, 50.0]]), np.ones(2), np.full(2, 10.0))
+    uv = np.array([[60.0, 60.0], [0.0, 1.0], [1.0, 0.0], [50.0, 50.0], [0.0, 0.0]])
+    found = score_matches(uv, np.array([[0, 7], [1, 7], [2, 7], [3, 8], [4, 7]]), truth)
+    assert found.correct.tolist() == [False, True, False, True, False]
+    assert (found.n_detected_stars, found.n_matches, found.n_correct) == (4, 5, 2)
+
+
 def test_wrong_identity_place_or_invisible_star_is_wrong():
     assert score((0, 22), (1, 11), (2, 44), (3, 99)).correct.tolist() == [False] * 4
 
@@ -78,12 +86,14 @@ def test_a_crowded_field_is_judged_as_the_definition_says(crowding_px):
     given = np.argsort(near, axis=1)[:, 0] * 7
     given[::3] = named[::3] * 7
     given[1::3] = np.argsort(near, axis=1)[1::3, 1] * 7
-    right = []
+    right: list[bool] = []
+    counted: set[int] = set()
     for row, star in zip(near, given, strict=True):
         within = np.flatnonzero((row <= MATCH_RADIUS_PX) & (truth.snr >= TRACE_SNR))
         light = truth.electrons_e[within]
         allowed = {within[row[within].argmin()], *within[light >= 0.5 * light.max()]} if len(within) else set()
-        right.append(int(star) // 7 in allowed)
+        right.append(int(star) // 7 in allowed - counted)
+        counted |= {int(star) // 7} & allowed
     found = score_matches(uv, np.column_stack((np.arange(n), given)), truth)
     assert found.correct.tolist() == right
     assert 0.1 < np.mean(right) < 0.9

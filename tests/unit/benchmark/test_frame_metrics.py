@@ -40,7 +40,7 @@ def test_every_metric_by_hand():
     found = {key: estimate.value for key, estimate in measure(MIXED).items()}
     assert found == {
         "success_1km": 0.2, "success_3km": 0.2, "success_10km": 0.4, "success_30km": 0.4,
-        "median_error_km": 50.0, "p90_error_km": math.inf, "wrong_and_confident": 0.2,
+        "median_error_km": 50.0, "p90_error_km": math.inf, "wrong_and_confident": 0.2, "stars_named_right": 0.4,
         "star_precision": 18 / 30, "star_recall": 18 / 48,
         "kelvins_score": pytest.approx((1.0 + 4 / 16 - 1.0 + 0.0 + 0.0) / 5),
         # 2, 1, 50, inf; the frame without a bound takes no part.

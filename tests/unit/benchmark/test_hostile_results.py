@@ -9,12 +9,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
+from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
+from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
 from benchmark.report.site.frame_source import FrameSource
+from benchmark.report.site.pictures import write_into
 from benchmark.report.site.tree import StoredResult
 from benchmark.run import identities
 from benchmark.run.packed import read_packed
+from benchmark.run.packing import pack_tree
 from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, SUMMARY_NAME, read_summary, read_table
 from benchmark.stats.frame_metrics import read_frames
 from celnav.command.attitude_option import read_attitude
@@ -41,6 +46,43 @@ def test_tables_that_claim_more_than_they_hold_are_not_read(bomb, monkeypatch) -
     for read, path in ((read_packed, listing), (read_table, bomb), (read_frames, bomb)):
         with pytest.raises(ResultsError, match=r"part\.parquet: claims 8 MB in a file of"):
             read(path)
+
+
+@pytest.fixture
+def packed_tree(tmp_path) -> Path:
+    """The listing of packed results of one task."""
+    root = write_results(tmp_path / "results", TASKS[:1], SOLVERS[:2], frames_per_level=2, modes=("own",))
+    pack_tree(root)
+    return root / TASKS[0].label / "dev.json"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("solver", "x/../../PWNED"),
+        ("solver", "../PWNED"),
+        ("solver", ""),
+        ("detections", "own/../../.."),
+        ("key", "/../../PWNED"),
+        ("key", "A" * 12),
+    ],
+)
+def test_packed_results_name_no_file_outside_the_folder_of_the_pages(packed_tree, tmp_path, key, value) -> None:
+    content = json.loads(packed_tree.read_text())
+    content["rows"][0][key] = value
+    packed_tree.write_text(json.dumps(content))
+    before = sorted(tmp_path.rglob("*"))
+    done = CliRunner().invoke(app, ["report", "--out", str(tmp_path / "results")])
+    assert done.exit_code == 2
+    assert "dev.json: not readable packed results" in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["solver-x/../../PWNED.html", "..", "pictures/../../PWNED.svg"])
+def test_no_page_is_written_outside_its_folder(tmp_path, name) -> None:
+    with pytest.raises(ResultsError, match="could lie outside the folder"):
+        write_into(tmp_path / "site", name, b"")
+    assert not list(tmp_path.rglob("*"))
 
 
 def test_pages_read_no_table_that_claims_more_than_it_holds(bomb, tmp_path, monkeypatch) -> None:

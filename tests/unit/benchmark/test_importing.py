@@ -1,8 +1,11 @@
 """Datasets of photographs: what is read, what becomes the truth, what nobody knows, and what is refused."""
 
 import dataclasses
+import hashlib
 import json
 import math
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +35,13 @@ from scipy.spatial.transform import Rotation
 import celnav
 from benchmark.errors import PhotographError
 from benchmark.frames.dataset import open_dataset
+from benchmark.importing import photographs
 from benchmark.importing.known_sky import known_sky
 from benchmark.importing.photographs import (
     Clock,
     check_names,
     check_tagged_times,
+    file_sha256,
     photographs_in,
     read_photograph,
     read_times,
@@ -338,6 +343,27 @@ def test_a_night_of_a_meteor_station_is_a_dataset(tmp_path: Path) -> None:
     record = json.loads((tmp_path / "out" / "frame-00000.json").read_text())
     assert record["time"]["exposure_s"] == 10.24
     assert record["sensor"]["bits"] == 8
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs links to devices, and pipes")
+@pytest.mark.parametrize("make", [lambda path: path.symlink_to("/dev/zero"), os.mkfifo], ids=["device", "pipe"])
+def test_no_device_and_no_pipe_is_read(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / NIGHT)
+    with pytest.raises(PhotographError, match="no FF file"):
+        read_night(tmp_path)
+    with pytest.raises(PhotographError, match=r"cannot be read \(not a regular file"):
+        file_sha256(tmp_path / NIGHT)
+
+
+def test_a_file_larger_than_a_photograph_is_not_hashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(photographs, "LARGEST_FILE_BYTES", 3)
+    for content, fits in ((b"abc", True), (b"abcd", False)):
+        (tmp_path / "a.fits").write_bytes(content)
+        if fits:
+            assert file_sha256(tmp_path / "a.fits") == hashlib.sha256(content).hexdigest()
+        else:
+            with pytest.raises(PhotographError, match="larger than 3 bytes"):
+                file_sha256(tmp_path / "a.fits")
 
 
 def test_a_night_without_place_or_camera_has_a_remedy(tmp_path: Path) -> None:

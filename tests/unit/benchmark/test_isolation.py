@@ -111,6 +111,8 @@ def frames(tmp_path_factory):
         ("garbage", "not JSON: b'Solved! lat = 48'"),
         ("memory", "MemoryError"),
         ("memory of children", "held more than 600 MiB with the processes that it started"),
+        ("files in memory", "held more than 600 MiB"),
+        ("many processes", "more than 64 processes"),
         ("hang", "no answer within 1 s"),
     ],
 )

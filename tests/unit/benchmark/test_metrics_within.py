@@ -56,6 +56,21 @@ def test_identified_by_most_of_its_stars_or_within_the_limit(status, error_km, n
     assert identified(pd.DataFrame([row]), 10.0).tolist() == [is_identified]
 
 
+def test_the_share_of_frames_whose_stars_are_named_right_is_of_all_frames():
+    frames = pd.DataFrame(
+        {
+            "frame_id": list("abcde"),
+            "status": ["fix"] * 4 + ["refused"],
+            "error_km": [1.0, 100.0, 1.0, 1.0, None],
+            "n_matches": [10, 10, 10, 0, 0],
+            "n_correct": [6, 10, 5, 0, 0],
+        }
+    )
+    asked = [metric for metric in metrics_within(10.0) if metric.key == "stars_named_right"]
+    assert measure(frames, asked)["stars_named_right"].value == pytest.approx(2 / 5)
+    assert np.isnan(measure(frames.assign(n_matches=0, n_correct=0), asked)["stars_named_right"].value)
+
+
 def test_a_close_limit_does_not_flatter_covariances():
     """Honest errors of 65 km on each axis: 2 whatever the limit, where fixes within 30 km alone would give 0.1.
 

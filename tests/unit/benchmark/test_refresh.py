@@ -146,15 +146,15 @@ def test_only_stale_rows_are_run(folder: Path) -> None:
     assert printed.mark.sources == {"dev.json": source_digest(folder / "results" / "tiny@1" / "dev.json")}
     assert f"revision {first['two']['provenance']['solver']['revision']}" in page.read_text(encoding="utf-8")
 
-    # Nothing to do; nor after a comment.
+    # Nothing to do; nor after a word to readers.
     assert "0 rows to be made, 2 of today's code" in boards(folder)
-    program = folder / "one" / "program.py"
-    program.write_text("# What a remark!\n" + program.read_text())
+    (folder / "one" / "README.md").write_text("What a remark!")
     assert "0 rows to be made, 2 of today's code" in boards(folder)
     assert listed(folder) == first
 
     # A change of one solver marks its row, and only it is run again.
-    program.write_text(program.read_text() + "\nANOTHER = 1\n")
+    program = folder / "one" / "program.py"
+    program.write_text(program.read_text() + "\n# another\n")
     old, new = first["one"]["provenance"]["solver"]["revision"], read_solver_folder(folder / "one").revision
     assert old != new
     outcome = CliRunner().invoke(app, ["report", "--out", str(folder / "results")], catch_exceptions=False)

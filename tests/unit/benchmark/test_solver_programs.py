@@ -20,6 +20,7 @@ from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import outcomes
 from benchmark.run.sessions import SessionPool
 from benchmark.solvers.definition import SolverFolder, SolverSpec, read_solver_folder
+from benchmark.solvers.detected_points import Points
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession, _environment
 from benchmark.solvers.registry import known_solvers, make_solver, solver_folder
@@ -51,6 +52,8 @@ def frames(tmp_path_factory):
         ("flood of lines", "not JSON"),
         ("memory", "MemoryError"),
         ("memory of children", "held more than 600 MiB with the processes that it started"),
+        ("files in memory", "held more than 600 MiB"),
+        ("many processes", "more than 64 processes"),
     ],
 )
 def test_a_misbehaving_program_is_killed_and_named(frames, way, message):
@@ -69,6 +72,14 @@ def test_pages_that_processes_share_count_once(frames):
         running.start()
         exchange = running.ask(request_of(frames[0], None, frames[0].image_path))
     assert exchange.message["lat_deg"] == 30.0
+
+
+def test_a_file_in_memory_that_is_mapped_too_counts_once(frames):
+    """400 MB, held open and mapped."""
+    with session("mapped file in memory", Limits(time_s=30.0, memory_mib=600, start_s=20.0)) as running:
+        running.start()
+        exchange = running.ask(request_of(frames[0], None, frames[0].image_path))
+    assert exchange.message["lat_deg"] == 48.0
 
 
 def test_children_are_killed_too(frames, tmp_path, monkeypatch):
@@ -174,6 +185,19 @@ def judged(tmp_path, way, frames):
 def test_a_program_finds_no_truth_beside_the_image(frames, tmp_path):
     scores = judged(tmp_path, "spy", frames)
     assert [score.reason for score in scores] == ["saw 1.png", "saw 2.png", "saw 3.png"]
+
+
+@pytest.mark.parametrize("way", ["crash", "hang", "other frame", "well"])
+def test_given_detections_count_however_a_program_fails(frames, tmp_path, way):
+    given = Points(np.array([[10.0, 20.0], [30.0, 40.0]]), None)
+    pool = pool_of(folder_of(tmp_path, way))
+    try:
+        with pool.idle_session() as running:
+            response = running.answer(frames[0], given)
+    finally:
+        pool.close()
+    assert response.status == ("fix" if way == "well" else "error")
+    assert response.uv.tolist() == given.uv.tolist()
 
 
 def test_a_crash_costs_one_frame_and_the_program_goes_on(frames, tmp_path):

@@ -56,6 +56,7 @@ def test_the_time_of_a_header_is_read(header, length):
         ({"DATE-OBS": "14/09/18", "UT": "11:53:22"}, "DATE-OBS is '14/09/18'"),
         ({"DATE-OBS": "9999-12-31T23:59:59"}, "9999"),
         ({"DATE-OBS": "2018-09-14T11:53:22", "TIMESYS": "TAI"}, "'TAI' \\(TIMESYS\\)"),
+        ({"DATE-OBS": "2018-09-14T11:53:22", "TIMESYS": "UT1"}, "'UT1' \\(TIMESYS\\)"),
         ({"DATE-OBS": "2018-09-14T11:53:22", "EXPTIME": -1.0}, "EXPTIME is -1.0"),
         ({"DATE-OBS": "2018-09-14T11:53:22", "EXPTIME": "nan"}, "EXPTIME is 'nan'"),
         ({"MJD-OBS": 1e300}, "MJD-OBS is 1e\\+300"),
@@ -71,6 +72,21 @@ def test_what_a_header_lacks_is_said(tmp_path, capsys, header, words):
         exposure_time(read_tags(path), None, None)
     assert main(["calibrate", str(path), "--lat", "1", "--lon", "2", "--out", str(tmp_path / "x.json")]) == 2
     assert found.lacks in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--time-zone", "Europe/Berlin"), ("--exif-time-is", "end"), ("--time-zone", "Z", "--exif-time-is", "end")],
+)
+@pytest.mark.parametrize("command", ["solve", "calibrate"])
+def test_options_for_photographs_clocks_do_not_move_the_time_of_a_header(tmp_path, capsys, command, options):
+    path = tmp_path / "frame.fits"
+    header = fits.Header({"DATE-OBS": "2018-09-14T11:53:22.844", "EXPTIME": 60.0})
+    fits.PrimaryHDU(PIXELS, header).writeto(path)
+    place = ("--lat", "1", "--lon", "2", "--out", str(tmp_path / "x.json")) if command == "calibrate" else ()
+    assert main([command, str(path), *place, *options]) == 2
+    said = capsys.readouterr().err
+    assert all(word in said for word in (*options[::2], str(path), "UTC", "DATE-OBS", "leave"))
 
 
 def test_a_time_scale_of_the_first_header_holds_for_the_image():

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from celnav.calibrating.bundle import Bundle, Observations, adjust
+from celnav.calibrating.calibrate import calibrate
+from celnav.calibrating.frames import CalibrationFrame
 from celnav.calibrating.lens_form import LensForm
 from celnav.calibrating.model_choice import choose_form, knows_its_errors, started
 from celnav.camera import Camera
+from celnav.detections import Detections
+from celnav.errors import CalibrationError, ConfigError
 
 SIZE = (1280, 720)
 LENS = LensForm("kannala_brandt", 1)
@@ -52,3 +56,27 @@ def test_the_chosen_form_knows_its_errors():
     assert fitted.cov is not None
     assert np.sqrt(np.diag(fitted.cov))[form.names.index("k1")] < 0.1
     assert len(judged) > 30
+
+
+@pytest.mark.parametrize(("models", "opencv_only"), [(("pinhole",), False), (("pinhole", "equisolid"), True)])
+def test_models_that_cannot_show_the_field_are_named(models, opencv_only):
+    """Stars 86 deg from the axis, and no law left that shows them."""
+    rng = np.random.default_rng(5)
+    camera = Camera("equidistant", *SIZE, 420.0)
+    uv = np.array([640.0, 360.0]) + rng.uniform(-0.5, 0.5, (60, 2)) * [1230, 100]
+    uv[0] = 10.0, 360.0
+    rows, zero = np.arange(60), np.zeros(60, dtype=np.intp)
+    seen = Observations(uv, camera.to_rays(uv), np.full(60, 0.1), zero, rows, rows, np.zeros(60))
+    lens = LensForm("equidistant")
+    with pytest.raises(CalibrationError, match=f"{', '.join(models)}.*--models.*86 deg"):
+        choose_form(
+            Bundle(lens, SIZE, lens.values_of(camera), np.eye(3)[None]), seen, zero, models, opencv_only=opencv_only
+        )
+
+
+def test_models_that_opencv_cannot_hold_are_refused_before_the_search():
+    frame = CalibrationFrame(Detections(np.empty((0, 2)), np.empty(0), SIZE[::-1], None), "2021-08-05T05:30:00Z", SIZE)
+    with pytest.raises(ConfigError, match=r"equisolid, stereographic \(--models\).*kannala_brandt.*--opencv-only"):
+        calibrate([frame], 1.0, 2.0, models=("equisolid", "stereographic"), opencv_only=True)
+    with pytest.raises(ConfigError, match="OpenCV cannot hold"):
+        calibrate([frame], 1.0, 2.0, form=LensForm("equisolid"), opencv_only=True)

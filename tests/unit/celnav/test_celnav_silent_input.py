@@ -91,6 +91,19 @@ def test_masks_of_masked_arrays_count(config) -> None:
     assert len(celnav.detect(np.ma.array(values, mask=True), config=config)) == 0
 
 
+def test_a_mask_is_learnt_from_masked_arrays() -> None:
+    rng = np.random.default_rng(4)
+    frames = [rng.normal(100.0, 2.0, (96, 128)) for _ in range(3)]
+    hidden = np.zeros((96, 128), dtype=bool)
+    hidden[10:20, 30:50] = True
+    spoilt = [
+        np.ma.array(np.where(hidden, value, frame), mask=hidden) for frame in frames for value in (np.nan, -9999.0)
+    ]
+    mask = celnav.sky_mask(spoilt)
+    assert mask[hidden].all()
+    assert mask.mean() < 0.05
+
+
 def test_masked_entries_without_a_place_are_refused() -> None:
     values, mask = picture()
     with pytest.raises(ImageError, match="masked entries"):

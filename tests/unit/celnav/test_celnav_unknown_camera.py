@@ -14,6 +14,7 @@ from celnav.calibrating.blind_start import WORK, Pass
 from celnav.calibrating.joint_fit import NothingNamedError
 from celnav.cli import main
 from celnav.errors import CalibrationError
+from celnav.sky.utc import parse_utc
 from tests.calibration_sky import LAT_DEG, LON_DEG, apparent_stars, perspective_positions
 from tests.star_images import add_star
 
@@ -76,6 +77,35 @@ def test_command_finds_the_camera_where_tags_say_nothing(found, tmp_path, monkey
     latitude = re.search(r"latitude    ([0-9.]+) N", capsys.readouterr().out)
     assert latitude is not None
     assert float(latitude[1]) == pytest.approx(LAT_DEG, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "error", [NothingNamedError("no field explains the lights"), CalibrationError("the picture is mirrored")]
+)
+def test_a_picture_without_an_identification_is_a_refusal(tmp_path, monkeypatch, capsys, error) -> None:
+    def fails(image, utc, mask):
+        raise error
+
+    monkeypatch.setattr(unknown_camera, "find_camera", fails)
+    path, plot = tmp_path / "sky.png", tmp_path / "plot.png"
+    Image.fromarray(picture()).save(path)
+    words = ["solve", str(path), "--utc", UTC, "--camera", "unknown", "--attitude", "zenith-north-up"]
+    assert main([*words, "--json", "--matches", "--plot", str(plot)]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["ok"], answer["reason"], answer["message"]) == (False, "no_hypothesis", str(error))
+    assert answer["camera"] is answer["field_deg"] is None
+    assert answer["n_detections"] > 50
+    assert plot.exists()
+    assert main(words) == 1
+    said = capsys.readouterr().out
+    assert str(error) in said
+    assert "not found from the stars" in said
+
+
+def test_the_earth_s_rotation_is_not_needed_for_the_whole_sky() -> None:
+    """In 2090, beyond the table of UT1-UTC; 70 years move no bright star but by its proper motion."""
+    then, now = (unknown_camera.whole_sky(parse_utc(f"{year}-08-05T05:30:00Z"), 2.0) for year in (2090, 2021))
+    assert np.abs(then.dirs - now.dirs).max() < 2e-3
 
 
 def test_hot_pixels_that_outnumber_wider_stars(monkeypatch) -> None:

@@ -1,6 +1,7 @@
 """A program under test that does what its first argument says; by itself it answers every frame with one position."""
 
 import json
+import mmap
 import os
 import subprocess
 import sys
@@ -59,6 +60,25 @@ def main():
             hold = "kept = bytearray(250_000_000); import time; time.sleep(100)"
             children = [subprocess.Popen([sys.executable, "-c", hold]) for _ in range(3)]
             children[0].wait()
+        elif WAY == "files in memory":
+            for name in ("one", "two"):
+                place = os.memfd_create(name)
+                for _ in range(400):
+                    os.write(place, bytes(1_000_000))
+            time.sleep(100)
+        elif WAY == "mapped file in memory":
+            place = os.memfd_create("one")
+            os.truncate(place, 400_000_000)
+            kept = mmap.mmap(place, 400_000_000)
+            for start in range(0, len(kept), 1_000_000):
+                kept[start : start + 1_000_000] = bytes(1_000_000)
+            time.sleep(1.5)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
+        elif WAY == "many processes":
+            for _ in range(100):
+                if not os.fork():
+                    time.sleep(100)
+            time.sleep(100)
         elif WAY == "shared memory":
             kept = bytearray(300_000_000)
             children = []
