@@ -26,7 +26,8 @@ from celnav.matching.history import History
 from celnav.position import PositionConfig, Weather, fix_position, usual_weather
 from celnav.problem import LastKnown, ToldSigmas
 from celnav.sequences.track import Track, TrackConfig, TrackPoint
-from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
+from celnav.skybench_config import SkybenchConfig
+from celnav.skybench_solver import SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
 
 if TYPE_CHECKING:

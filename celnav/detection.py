@@ -20,6 +20,7 @@ from celnav.detecting.image_background import (
     as_image,
     background_and_noise,
     grey,
+    highest_of_two,
     outstanding,
     remove_line_offsets,
     repair_defects,
@@ -54,9 +55,13 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# The background is subtracted in single precision; anything below this fraction of the largest pixel value is rounding.
+# The background is subtracted in single precision; anything below this fraction of the largest values is rounding.
 _FLOAT_ROUNDING = 4e-6
+# An image whose noise is at most this fraction of its highest peak has none.
+_NOISE_FREE = 1e-6
 _FIRST_SIGMA_PX = 1.0
+# Noise of fewer electrons than this is rare. An image without its sky or with a pedestal too small to be light has less.
+_FEWEST_NOISE_E = 3.0
 # A filter is good enough for stars whose width is within these factors of its own; it loses at most 6 % of their signal.
 _SERVES = (0.7, 1.35)
 _SHAPE_ROUNDS = 2
@@ -105,8 +110,8 @@ class DetectionConfig:
     tile_px : int
         Side of the tiles whose medians give background and noise.
     float_floor : float
-        For floating-point images: least threshold, as a fraction of the highest peak. It matters for noise-free images,
-        where the noise is zero. Integer images have a floor of one step.
+        For floating-point images without noise: least threshold, as a fraction of the highest peak. Integer images have
+        a floor of one step.
     faint_stars : int
         Where fewer stars than this reach `seed_sigma`, the brightest sources above `grow_sigma` follow them until there
         are so many. Most of these are noise; `celnav.solve` uses them only where it refuses the others. 0: none.
@@ -214,14 +219,16 @@ def _filter(original: NDArray[np.generic], mask: ArrayLike | None, config: Detec
     whole = all_true(used)
     saturated = saturated_pixels(counts if whole else np.where(used, counts, background.whole()), config.saturation_dn)
     of_whole_numbers = np.issubdtype(original.dtype, np.integer)
-    largest = 0.0 if of_whole_numbers else max(float(pixels.max()), -float(pixels.min()))
     light = pixels
     highest = take_off(light, background, used)
     if highest <= 0:
         return None
     floor = max(step, 1.0)
     if not of_whole_numbers:
-        floor = max(config.float_floor * highest, _FLOAT_ROUNDING * largest)
+        peak = max(highest_of_two(light), 0.0) or highest
+        floor = _FLOAT_ROUNDING * (abs(typical(background, used)) + peak)
+        if typical(white, used) <= _NOISE_FREE * peak:
+            floor = max(floor, config.float_floor * peak)
     noise = NoiseMap(white, floor / config.seed_sigma)
     cores = saturated_cores(saturated, light)
     usual_noise = typical(noise, used)
@@ -261,7 +268,7 @@ def _filter(original: NDArray[np.generic], mask: ArrayLike | None, config: Detec
                 break
     gain = config.gain_e_per_dn
     if gain is None:
-        gain = max(typical(background, used), 1e-6) / usual_noise**2
+        gain = max(typical(background, used), _FEWEST_NOISE_E * usual_noise) / usual_noise**2
     return _FilteredSky(light, noise, cores, shape, not known and shape is first_guess, gain, found)
 
 

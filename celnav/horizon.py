@@ -144,9 +144,12 @@ def heading_contradicts(place: Place, limit_deg: float) -> bool:
     return abs(place.heading_off_deg) * steep > limit_deg
 
 
-def doubted(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Attitude:
-    """Return the attitude with variances raised as `honest_place` raises them; unchanged if nothing contradicts it."""
-    return _raised(attitude, place_from_rotation(terrestrial_to_camera, cov_rad2, attitude))
+def doubted(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude, doubt_deg: float = 0.0) -> Attitude:
+    """Return the attitude with variances raised as `honest_place` raises them, and by a doubt of the lens.
+
+    It is unchanged if nothing contradicts it and the lens is not in doubt.
+    """
+    return _with_doubt(_raised(attitude, place_from_rotation(terrestrial_to_camera, cov_rad2, attitude)), doubt_deg)
 
 
 def _raised(attitude: Attitude, place: Place) -> Attitude:

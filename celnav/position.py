@@ -24,6 +24,7 @@ from celnav.fix import Fix, Reason
 from celnav.sky.astrometry import TerrestrialStars, terrestrial_stars
 from celnav.sky.catalog import load_catalog
 from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.planets import planet_ids
 from celnav.sky.ray_integral import standard_pressure_hpa
 from celnav.sky.refraction import unrefract
 from celnav.sky.utc import Utc, parse_utc
@@ -138,7 +139,8 @@ def fix_position(
         Pixel positions. Two or more stars give a unique position; a single star leaves two solutions, of which one is
         returned.
     star_ids : array_like of int, shape (n,)
-        Hipparcos numbers, or minus the HR numbers of stars without one.
+        Hipparcos numbers, or minus the HR numbers of stars without one. The planets of `Fix.matches` are left out, because
+        their directions are too coarse for a position.
     camera : Camera
         The camera.
     utc : str, datetime or Utc
@@ -165,6 +167,8 @@ def fix_position(
     positions = as_positions(uv)
     camera.check_positions(positions)
     ids = _whole_numbers(star_ids, len(positions))
+    stellar = np.flatnonzero(~np.isin(ids, planet_ids()))
+    positions, ids = positions[stellar], ids[stellar]
     if len(positions) == 0:
         return Fix.refusal(Reason.TOO_FEW_DETECTIONS, "no star")
     known = as_attitude(attitude)
@@ -195,7 +199,7 @@ def fix_position(
         lon_deg=lon_deg,
         cov_km2=_covariance(solution, observed, stars, known, config),
         confidence=1.0,
-        matches=np.column_stack((keep, ids[keep])).astype(np.int64),
+        matches=np.column_stack((stellar[keep], ids[keep])).astype(np.int64),
         residual_rms_px=float(np.sqrt(np.mean(error_px**2))),
     )
 

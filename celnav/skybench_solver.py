@@ -6,16 +6,11 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.adjustment import Adjusted, CameraPriors, adjust, predict, without_focal
-from celnav.attitude import Attitude
-from celnav.camera import Camera
-from celnav.checking import bounded, check_fields
-from celnav.errors import ConfigError
 from celnav.field_stars import Start, aberrated, describe, paired_at, pairing_radius, visible_stars
 from celnav.fix import Estimate, Fix, Reason
 from celnav.horizon import Place, distance_km, heading_contradicts, honest_place, horizontal_frame
@@ -24,14 +19,14 @@ from celnav.identification.focal_lengths import identify_at_focal_lengths
 from celnav.identification.neighbourhood import BELIEVED_SIGMAS
 from celnav.identification.pairing import candidate_pairs, nowhere_far_off
 from celnav.identification.prepared import LOWEST_ALTITUDE_DEG, Prepared, prepare
-from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
 from celnav.matching.history import History
 from celnav.position import refracting
-from celnav.problem import Problem, Stopwatch, ToldSigmas, check_time_limit
+from celnav.problem import Problem, Stopwatch
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
+from celnav.skybench_config import MOST_FOCAL_EFFORT, SkybenchConfig
 from celnav.uncertainty.contradicted import (
     FREED_FOCAL,
     VERTICAL_DOUBT,
@@ -54,97 +49,11 @@ from celnav.uncertainty.turning_camera import at_mid_exposure, by_readout, fitte
 F8 = NDArray[np.float64]
 
 _USUAL_PRIORS = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05)}
-# Largest fraction of the effort that all other focal lengths may use together.
-MOST_FOCAL_EFFORT = 0.9
 # Rounds of the fit of the readout time. Each round weighs the stars by their scatter after the shear has been removed.
 _READOUT_ROUNDS = 2
 # Factor on the initial noise where stars are streaks: their positions are far more accurate across the streak than along it,
 # and the first orientation may be off by many standard deviations across it.
 _STREAKS_SIGMA = 4.0
-
-
-@dataclass(frozen=True)
-class SkybenchConfig:
-    """Configuration of the solver.
-
-    Attributes
-    ----------
-    search : SearchConfig
-        Configuration of the identification.
-    calibrate : str
-        ``auto``: also fit the focal length where the frame shows clearly that it is off; ``none``: trust the camera;
-        ``full``: fit the parameters that `priors` leave free.
-    priors : CameraPriors
-        Standard deviations for ``full``.
-    focal_factors : tuple of float
-        Factors on the focal length, tried in turn where no identification fits the camera as given; not used with
-        ``none``. Each factor covers 6 % to both sides.
-    focal_effort : float
-        Fraction of `max_work` for each factor. An eighth is 2.5 million look-ups; 2 million suffice to identify 95 in 100
-        fields whose focal length is off by 7 to 15 %.
-    max_work : int
-        Bound on the work of the identification, in look-ups. One look-up projects one detection onto the star map under
-        one hypothesis; other steps count as many look-ups as take the same time (`celnav.identification.effort`).
-        Unlike a time limit, it makes the answer independent of the machine. With the default, refusing any
-        input takes about 0.2 s on one idle core, and the solver meets the targets of docs/solver.md, which shows what
-        more work finds.
-    time_limit_s : float or None
-        Wall-clock time after which the identification gives up, checked between batches of some milliseconds. Off by
-        default, because under a time limit an answer may differ from machine to machine and from run to run. The
-        caller's ``celnav.solve(..., time_limit_s=)`` counts too; the shorter of the two applies.
-    max_detections : int
-        Largest number of detections used; fainter ones are left out, because the work after identification grows with
-        their number.
-    single_star_sigma_deg : float
-        If heading and tilt are known better than this, hypotheses come from single stars.
-    min_stars : int
-        Least number of matched stars for a fix.
-    max_sigma_px : float
-        A frame whose residuals scatter by more than this is refused.
-    max_heading_off_deg : float
-        A frame whose stars contradict the supplied heading by more than this (plus five standard deviations) is refused,
-        unless errors of the stated size explain it. Beyond 60 deg of latitude, part of the discrepancy is disregarded
-        (`celnav.horizon.heading_contradicts`).
-    max_moved_deg : float
-        Where the vertical comes with a standard deviation, a heading that is off by at most this much is taken for a
-        mount that has moved. The position is then as uncertain as the heading has proved to be.
-    readout_sigma : float
-        For a camera that turns during the exposure: standard deviation of the time from reading the first row of its
-        rolling shutter to reading the last, divided by the exposure time. The readout time is fitted where stars are
-        streaks. 0 stands for a global shutter.
-    """
-
-    search: SearchConfig = field(default_factory=SearchConfig)
-    calibrate: Literal["auto", "none", "full"] = "auto"
-    priors: CameraPriors = field(default_factory=lambda: CameraPriors(focal=0.03, centre_px=3.0, distortion=0.02))
-    focal_factors: tuple[float, ...] = bounded((0.88, 1.13), 0.2, 5)
-    focal_effort: float = bounded(0.125, 0, 1)
-    max_work: int = bounded(20_000_000, 1)
-    time_limit_s: float | None = None
-    max_detections: int = bounded(20_000, 1, 1_000_000)
-    single_star_sigma_deg: float = bounded(0.3, 0)
-    min_stars: int = bounded(4, 1)
-    max_sigma_px: float = bounded(8.0, 0)
-    max_heading_off_deg: float = bounded(1.0, 0)
-    max_moved_deg: float = bounded(5.0, 0)
-    readout_sigma: float = bounded(0.04, 0, 1)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if self.max_detections < self.min_stars:
-            raise ConfigError(f"max_detections = {self.max_detections} must be at least min_stars = {self.min_stars}")
-        if not 0 <= self.focal_effort * len(self.focal_factors) <= MOST_FOCAL_EFFORT:
-            raise ConfigError(
-                f"focal_effort = {self.focal_effort} for each of {len(self.focal_factors)} focal_factors leaves nothing "
-                "for the camera as it is given"
-            )
-        if self.time_limit_s is not None:
-            check_time_limit(self.time_limit_s)
-
-    def heading_limit_deg(self, attitude: Attitude, sigmas: ToldSigmas, camera: Camera) -> float:
-        """Return the heading error, degrees, that is accepted whatever the uncertainty of the position."""
-        limit = self.max_heading_off_deg + 5 * sigmas.loosened(attitude, camera).heading_deg
-        return max(limit, self.max_moved_deg) if attitude.tilt_deg else limit
 
 
 @dataclass(frozen=True)

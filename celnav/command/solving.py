@@ -33,7 +33,8 @@ from celnav.fix import Fix, Reason
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
 from celnav.problem import LastKnown, Solver
-from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
+from celnav.skybench_config import SkybenchConfig
+from celnav.skybench_solver import SkybenchSolver
 from celnav.solver import solve
 from celnav.uncertainty.contradicted import WIDE_SCATTER_PX
 

@@ -163,6 +163,12 @@ def take_off(pixels: F4, background: TileMap, used: Mask) -> float:
     return highest
 
 
+def highest_of_two(light: F4) -> float:
+    """Return the highest value that two neighbouring pixels reach: a single pixel may be a defect."""
+    pairs = ((light[:, :-1], light[:, 1:]), (light[:-1], light[1:]))
+    return max((float(np.minimum(one, other).max()) for one, other in pairs if one.size), default=0.0)
+
+
 def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
     """Subtract common offsets of rows and columns if they are larger than by chance.
 

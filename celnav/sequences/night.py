@@ -28,7 +28,8 @@ from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_orien
 from celnav.sequences.lifted_sky import LiftedSky
 from celnav.sky.astrometry import enu_rotation
 from celnav.sky.utc import Utc, parse_utc
-from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
+from celnav.skybench_config import SkybenchConfig
+from celnav.skybench_solver import SkybenchSolver
 from celnav.solver import solve
 from celnav.uncertainty.contradicted import vertical_doubt_deg
 from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA

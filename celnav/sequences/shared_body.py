@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,14 +154,6 @@ def adjust_body(seen: Sequence[Seen], attitude: Attitude | None) -> Body | None:
     )
 
 
-def _with_doubt(attitude: Attitude, doubt_deg: float) -> Attitude:
-    """Return the attitude with a doubt of its lens in both variances."""
-    if not doubt_deg:
-        return attitude
-    tilt_deg, heading_deg = (math.hypot(known, doubt_deg) for known in (attitude.tilt_deg, attitude.heading_deg))
-    return replace(attitude, tilt_deg=tilt_deg, heading_deg=heading_deg)
-
-
 def _start(
     used: Sequence[Seen], anchored: Sequence[Seen], attitude: Attitude | None
 ) -> tuple[_State, list[Attitude | None]]:
@@ -184,9 +176,7 @@ def _start(
             rotation = one.mounting @ body
             known = one.mounting @ cov @ one.mounting.T + one.mounting_sigma_rad**2 * np.eye(3)
         cameras.append(rotation)
-        attitudes.append(
-            None if one.attitude is None else _with_doubt(doubted(rotation, known, one.attitude), one.doubt_deg)
-        )
+        attitudes.append(None if one.attitude is None else doubted(rotation, known, one.attitude, one.doubt_deg))
     attitudes.append(None if attitude is None or body is None else doubted(body, cov, attitude))
     state = _State(body, cameras, 0.0, 0.0)
     for known_attitude, oriented in zip(attitudes, [*cameras, body], strict=True):

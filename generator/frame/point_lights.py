@@ -15,10 +15,11 @@ from generator.frame.dispersion import LEAST_PX, dispersion_parameters
 from generator.frame.flying.objects import FlyingObjects
 from generator.frame.moon.disk import drawing_of, is_drawn, moon_lights
 from generator.frame.moon.occultation import behind_moon
-from generator.frame.plan import FramePlan, PointLights, dimming_atmosphere
+from generator.frame.plan import FramePlan, dimming_atmosphere
 from generator.light.cloud_phase import DIFFRACTION_DEPTHS, aureole_radii
 from generator.light.molecular_bands import star_depths
 from generator.light.photometry import GRID_NM
+from generator.light.points import PointLights
 from generator.light.star_colours import usual_vi
 from generator.light.stellar_spectra import colour_grid, colour_place
 from generator.plugins.scene_tensors import tensor

@@ -11,11 +11,12 @@ from scipy import constants
 
 from generator.colour_science import colour
 from generator.frame.moon.disk import moon_lights
-from generator.frame.plan import FramePlan, PointLights, dimming_atmosphere, plan_frame
+from generator.frame.plan import FramePlan, dimming_atmosphere, plan_frame
 from generator.frame.point_lights import star_lights
 from generator.frame.scene import frame_layers
 from generator.light.atmosphere import optical_depth
 from generator.light.photometry import GRID_NM
+from generator.light.points import PointLights
 from generator.light.stellar_spectra import star_spectra
 from generator.scenario.file import parse_scenario
 from generator.sky.assembly import whole_sky

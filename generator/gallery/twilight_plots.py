@@ -12,7 +12,7 @@ from generator.light.atmosphere import Atmosphere
 from generator.light.bake_grids import BakedAir
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_V, GRID_NM
 from generator.light.stellar_spectra import star_spectra
-from generator.sky.sunlight import SUN_BV_MAG
+from generator.sky.sunlight import SUN_BV_MAG, SUN_VI_MAG
 from generator.sky.twilight import SUN_V_MAG, twilight_depths, twilight_field
 from generator.twilight.solar_beam import solar_beam
 from generator.twilight.twilight_map import twilight_multiple
@@ -48,7 +48,7 @@ COLOURS = {"U": "C4", "B": "C0", "V": "C2", "R": "C3", "I": "k"}
 
 def radiances(site: Site, depression_deg: float, altitude_deg: Floats, azimuth_deg: float = 0.0) -> Floats:
     """Photon radiances, s^-1 m^-2 nm^-1 sr^-1, in the plane of the Sun or another, (m, n) array."""
-    sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG])[0]
+    sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG], [SUN_VI_MAG])[0]
     return twilight_field(depression_deg, *site, altitude_deg, np.array([azimuth_deg]))[:, 0] * sun
 
 
@@ -164,7 +164,7 @@ def _meridian(axis: Any) -> None:
 
 
 def _spectra(axis: Any) -> None:
-    sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG])[0]
+    sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG], [SUN_VI_MAG])[0]
     for depression in (0.0, 3.0, 6.0, 9.0, 12.0):
         light = zenith(PARANAL, depression) / sun
         axis.plot(GRID_NM, light / np.interp(550.0, GRID_NM, light), label=f"Sun {-depression:.0f}°")

@@ -19,7 +19,6 @@ from jplephem.spk import SPK
 from numpy.typing import NDArray
 
 from generator.errors import TimeRangeError
-from generator.light.star_colours import usual_vi
 from generator.places.astrometry import Air, ApparentPlaces, Site, apparent_places, star_parameters
 from generator.places.catalogue import StarCatalogue
 from generator.places.times import EarthOrientation, Instant
@@ -35,9 +34,13 @@ PLANET_IDS = {"mercury": 199, "venus": 299, "mars": 499, "jupiter": 599, "saturn
 """NAIF numbers; a planet's id in the truth tables is PLANET_ID_BASE plus this."""
 PLANET_ID_BASE = 900_000_000
 PLANET_BV_MAG = {
-    "mercury": 0.97, "venus": 0.81, "mars": 1.43, "jupiter": 0.87, "saturn": 1.09, "uranus": 0.50, "neptune": 0.39,
+    "mercury": 0.97, "venus": 0.70, "mars": 1.36, "jupiter": 0.86, "saturn": 1.07, "uranus": 0.50, "neptune": 0.39,
 }  # fmt: skip
-"""B-V of the planets. Source: Mallama, Krobusek & Pavlov 2017, Icarus 282, 19."""
+"""B-V of the planets. Source: Mallama, Krobusek & Pavlov 2017, Icarus 282, 19, table 3."""
+PLANET_VI_MAG = {
+    "mercury": 0.96, "venus": 0.62, "mars": 1.26, "jupiter": 0.35, "saturn": 0.79, "uranus": -1.15, "neptune": -1.27,
+}  # fmt: skip
+"""V-I (Cousins) of the planets: the Sun's, plus 2.5 lg of the geometric albedo in Ic over that in V. Source: the same."""
 MOON_RADIUS_KM = 1737.4
 
 
@@ -136,9 +139,9 @@ def observe(target: int, site: Site, instant: Instant, orientation: EarthOrienta
 
 
 def as_stars(
-    ra_deg: Floats, dec_deg: Floats, v_mag: Floats, bv_mag: Floats, other_id: NDArray[np.int32]
+    ra_deg: Floats, dec_deg: Floats, v_mag: Floats, bv_mag: Floats, vi_mag: Floats, other_id: NDArray[np.int32]
 ) -> StarCatalogue:
-    """Return directions as catalogue stars without proper motion or parallax, with the V-I of a dwarf of their B-V."""
+    """Return directions as catalogue stars without proper motion or parallax."""
     nothing = np.zeros(len(ra_deg))
     none = np.zeros(len(ra_deg), np.int32)
     return StarCatalogue(
@@ -151,7 +154,7 @@ def as_stars(
         parallax_mas=nothing,
         v_mag=v_mag,
         bv_mag=bv_mag,
-        vi_mag=usual_vi(bv_mag, dwarf=True),
+        vi_mag=vi_mag,
         bv_assumed=none.astype(bool),
         other_id=other_id,
     )
@@ -160,7 +163,7 @@ def as_stars(
 def apparent_enu(body: Body, site: Site, instant: Instant, orientation: EarthOrientation, air: Air) -> Floats:
     """Apparent unit vector (3,) of a body."""
     one = np.ones(1)
-    star = as_stars(body.ra_deg * one, body.dec_deg * one, 0 * one, 0 * one, np.zeros(1, np.int32))
+    star = as_stars(body.ra_deg * one, body.dec_deg * one, 0 * one, 0 * one, 0 * one, np.zeros(1, np.int32))
     return apparent_places(star, site, instant, orientation, air).enu[0]
 
 
@@ -168,7 +171,7 @@ def icrs_from_enu(site: Site, instant: Instant, orientation: EarthOrientation) -
     """Rotation (3, 3) from horizontal directions without refraction to ICRS, without aberration (20 arcsec)."""
     ra = np.array([0.0, 90.0, 180.0, 270.0, 0.0, 0.0])
     dec = np.array([0.0, 0.0, 0.0, 0.0, 90.0, -90.0])
-    stars = as_stars(ra, dec, np.zeros(6), np.zeros(6), np.zeros(6, np.int32))
+    stars = as_stars(ra, dec, np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6, np.int32))
     places: ApparentPlaces = apparent_places(stars, site, instant, orientation, Air(0.0, 10.0, 0.5))
     a, d = np.radians(ra), np.radians(dec)
     icrs = np.stack([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)], axis=-1)
@@ -211,5 +214,6 @@ def planets(site: Site, instant: Instant, orientation: EarthOrientation) -> Star
         np.array([body.dec_deg for body in bodies.values()]),
         np.array([planet_v_mag(name, body) for name, body in bodies.items()]),
         np.array([PLANET_BV_MAG[name] for name in bodies]),
+        np.array([PLANET_VI_MAG[name] for name in bodies]),
         np.array([PLANET_ID_BASE + PLANET_IDS[name] for name in bodies], np.int32),
     )

@@ -1,4 +1,4 @@
-"""The Sun's colours, and its spectrum for zodiacal light. Planets have spectra of stars (generator.places.ephemeris)."""
+"""The Sun's colours, and its spectrum for zodiacal light."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from generator.light.photometry import GRID_NM
 from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, black_sky, low_rank
 from generator.sky.directions import sky_grid
-from generator.sky.sunlight import SUN_BV_MAG
+from generator.sky.sunlight import SUN_BV_MAG, SUN_VI_MAG
 from generator.twilight.air_profiles import STEP_KM
 from generator.twilight.solar_beam import solar_beam
 from generator.twilight.twilight_map import twilight_multiple
@@ -175,7 +175,7 @@ def twilight(
             f"the Sun is {altitude - horizon_deg:.1f} deg above the horizon{dip} at this time and place; choose a time "
             "between sunset and sunrise, or leave 'twilight' out of sky.components"
         )
-    sun = star_spectra([SUN_V_MAG + 5 * np.log10(sun_distance_au)], [SUN_BV_MAG])[0]
+    sun = star_spectra([SUN_V_MAG + 5 * np.log10(sun_distance_au)], [SUN_BV_MAG], [SUN_VI_MAG])[0]
     return light_from_below(sun_enu, depression_deg, sun, atmosphere, height_m, ground_albedo)
 
 

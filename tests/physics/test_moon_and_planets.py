@@ -9,10 +9,23 @@ from small_scenes import small_scenario
 from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.light.photometry import BESSELL_V, GRID_NM
+from generator.light.stellar_spectra import band_weights, star_spectra
 from generator.places.astrometry import Air, Site, apparent_places
-from generator.places.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
+from generator.places.ephemeris import (
+    KERNEL_PATH,
+    MOON,
+    PLANET_BV_MAG,
+    PLANET_VI_MAG,
+    PLANETS,
+    SUN,
+    apparent_enu,
+    observe,
+    planet_v_mag,
+    planets,
+)
 from generator.places.times import Instant, earth_orientation
 from generator.sky.moon_irradiance import earthshine_over_moonlight, moon_colours, moon_spectrum, moon_v_mag
+from generator.sky.sunlight import SUN_BV_MAG, SUN_VI_MAG
 
 TIMES = ("2020-01-15T20:00:00Z", "2021-06-10T04:00:00Z", "2023-10-14T11:00:00Z", "2018-07-27T21:00:00Z")
 SITE = Site(52.0, 4.36, 10.0)
@@ -63,6 +76,34 @@ def test_magnitudes_of_planets_are_skyfield_s(sky, text) -> None:
         theirs = planetary_magnitude(observer.at(skyfield_time(timescale, text)).observe(kernel[NAMES[name]]))
         ours = planet_v_mag(name, observe(number, SITE, instant, orientation))
         assert ours == pytest.approx(float(theirs), abs=0.1), name
+
+
+MALLAMA_BANDS_NM = (360, 436, 549, 641, 700, 798, 880)
+MALLAMA_ALBEDOS = {
+    "mercury": (0.087, 0.105, 0.142, 0.158, 0.172, 0.180, 0.208),
+    "venus": (0.348, 0.658, 0.689, 0.658, 0.708, 0.640, 0.584),
+    "mars": (0.060, 0.088, 0.170, 0.250, 0.288, 0.285, 0.330),
+    "jupiter": (0.358, 0.443, 0.538, 0.513, 0.495, 0.389, 0.321),
+}
+"""Geometric albedos in U, B, V, Rc, R, Ic and I: Mallama, Krobusek & Pavlov 2017, Icarus 282, 19, table 7."""
+
+
+@pytest.mark.parametrize("name", MALLAMA_ALBEDOS)
+def test_colours_of_planets_are_sunlight_times_their_albedos(name) -> None:
+    """B-V and V-I within 0.02 mag of the albedos' ratios; photons from 350 to 1000 nm within 4 % of sunlight times albedo."""
+    _, b, v, _, _, i, _ = MALLAMA_ALBEDOS[name]
+    assert PLANET_BV_MAG[name] == pytest.approx(SUN_BV_MAG + 2.5 * np.log10(v / b), abs=0.02)
+    assert PLANET_VI_MAG[name] == pytest.approx(SUN_VI_MAG + 2.5 * np.log10(i / v), abs=0.02)
+    sunlit = star_spectra([0.0], [SUN_BV_MAG], [SUN_VI_MAG])[0] * np.interp(
+        GRID_NM, MALLAMA_BANDS_NM, MALLAMA_ALBEDOS[name]
+    )
+    sunlit *= BESSELL_V.zero_point / (sunlit @ band_weights(BESSELL_V))
+    instant = Instant.parse(TIMES[0])
+    bodies = planets(SITE, instant, earth_orientation(instant))
+    row = list(PLANETS).index(name)
+    ours = star_spectra([0.0], bodies.bv_mag[[row]], bodies.vi_mag[[row]])[0]
+    seen = (GRID_NM >= 350) & (GRID_NM <= 1000)
+    assert ours[seen].sum() == pytest.approx(sunlit[seen].sum(), rel=0.04)
 
 
 def test_planets_are_drawn_as_stars() -> None:

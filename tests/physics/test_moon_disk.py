@@ -255,7 +255,7 @@ def test_saturn_is_hidden_as_skyfield_has_it(skyfield) -> None:
 def test_low_star_is_hidden_behind_the_flattened_disk() -> None:
     """A light is hidden by its place above the air: the lower limb of a rising Moon hides what its image hides."""
     from generator.frame.moon.occultation import behind_moon
-    from generator.frame.plan import PointLights
+    from generator.light.points import PointLights
 
     plan = plan_frame(small_scenario(time__utc_start="2020-01-11T16:47:00Z", sky={"components": ["moonlight"]}), 0)
     east, north, up = plan.sky.moon_enu

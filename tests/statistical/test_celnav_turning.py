@@ -20,7 +20,8 @@ import celnav
 from benchmark.fields.solver_bars import camera_of
 from benchmark.fields.solver_fields import PRESSURE_HPA, TEMPERATURE_C, Condition, make_field
 from benchmark.judge.geodesy import east_north_km
-from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
+from celnav.skybench_config import SkybenchConfig
+from celnav.skybench_solver import SkybenchSolver
 
 SEED, FIELDS = 11, 100
 WIDE = Condition("60 deg", 60, 5, brightest=25, tilt_deg=30)

@@ -34,7 +34,8 @@ from benchmark.studies.calibration.faults import (
 from benchmark.studies.common.centroid_frames import StarList
 from benchmark.studies.common.progress import Advance
 from celnav.position import Weather
-from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
+from celnav.skybench_config import SkybenchConfig
+from celnav.skybench_solver import SkybenchSolver
 from celnav.solver import SOLVERS
 from generator.places.times import Instant, earth_orientation
 from generator.scenario.camera_spec import CameraSpec

@@ -14,10 +14,10 @@ from generator.frame.moon.path import MoonPath, moon_path, seen_through_air
 from generator.frame.plan import (
     SKY_RATE_DEG_S,
     FramePlan,
-    PointLights,
     airmass_to,
     field_radius_deg,
 )
+from generator.light.points import PointLights
 from generator.optics.motion import turned_rad
 from generator.optics.psf import equivalent_sigma_px
 from generator.sky.clouds import LEAST_TRANSMISSION, level_or_up

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.moon.path import moon_path, seen_through_air, site_of
-from generator.frame.plan import FramePlan, PointLights, refracting_air
+from generator.frame.plan import FramePlan, refracting_air
+from generator.light.points import PointLights
 from generator.places.astrometry import unrefracted
 
 Floats = NDArray[np.float64]

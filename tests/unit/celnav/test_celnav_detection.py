@@ -141,6 +141,34 @@ def tracks(rng, count, mean_length_px=5.0, charge=1200.0):
     return image
 
 
+@pytest.mark.parametrize("pedestal", [380, 400, 420])
+def test_an_image_without_its_sky_keeps_stars_and_rejects_tracks(pedestal):
+    """What is left of the sky says nothing about photon noise: neither tracks nor the sigmas of bright stars may grow."""
+    image, truth, _ = star_field()
+    whole = noisy(image + tracks(np.random.default_rng(8), 60))
+    before, found = celnav.detect(whole), celnav.detect(whole.astype(np.float32) - pedestal)
+    assert abs(len(found) - len(before)) <= 2
+    assert np.mean(nearest(found, truth)[0] < 0.5) >= np.mean(nearest(before, truth)[0] < 0.5) - 0.01
+    assert np.median(found.sigma_px[:40]) < 2 * np.median(before.sigma_px[:40])
+
+
+@pytest.mark.parametrize("defect", [1e6, 1e7, -1e7])
+def test_one_wild_pixel_of_a_float_image_hides_no_star(defect):
+    image = noisy(star_field()[0]).astype(np.float32)
+    before = len(celnav.detect(image))
+    image[100, 101] = defect
+    assert abs(len(celnav.detect(image)) - before) <= 1
+
+
+def test_a_deep_stack_as_floats_shows_the_stars_that_it_shows_as_integers():
+    """Three stars of 60,000 set no threshold for those of 10."""
+    image, _, _ = star_field(lights=(20, 400), level=100.0)
+    for u, v in ((80, 60), (160, 120), (240, 180)):
+        add_star(image, u, v, 400_000, 1.0)
+    stack = np.mean([noisy(image, seed).astype(np.float64) for seed in range(100)], axis=0)
+    assert len(celnav.detect(stack)) == len(celnav.detect(np.rint(stack * 100).astype(np.int32)))
+
+
 @pytest.mark.parametrize("sigma_px", [0.8, 1.2])
 def test_a_storm_of_particles(sigma_px):
     """Tracks outnumber stars ten times and are as bright: shape and stars are found, and little else."""
