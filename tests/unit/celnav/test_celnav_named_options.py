@@ -15,6 +15,8 @@ from celnav.command import solving
 from celnav.detections import Detections
 from celnav.errors import EarthRotationError
 from celnav.fix import Fix, Reason
+from celnav.sky.astrometry import apparent_enu
+from celnav.sky.catalog import load_catalog
 from tests.star_images import add_star
 
 UTC = "2021-08-05T05:30:00Z"
@@ -100,6 +102,20 @@ def test_dut1_lets_the_command_refuse_a_picture_beyond_the_table(photo, capsys) 
     answer = json.loads(capsys.readouterr().out)
     assert answer["n_detections"] >= solving.FEWEST_TO_MIRROR
     assert answer["reason"] in solving.NAMES_NO_STAR
+
+
+def test_planets_are_left_out_of_a_position() -> None:
+    camera, R_cam = celnav.Camera.pinhole(1080, 720, 90), np.diag([-1.0, -1.0, 1.0])
+    stars = load_catalog()
+    stars = stars.take(stars.v_mag < 3.5)
+    uv = camera.project(apparent_enu(stars, UTC, 40.0, 10.0, pressure_hpa=1010.0, temperature_c=10.0) @ R_cam.T)
+    inside = np.isfinite(uv[:, 0]) & camera.in_frame(np.nan_to_num(uv, nan=-1e9))
+    uv, ids = uv[inside], stars.star_id[inside]
+    alone = celnav.fix_position(uv, ids, camera, UTC, R_cam)
+    fix = celnav.fix_position(np.vstack(([[5.0, 5.0]], uv)), [-1000005, *ids], camera, UTC, R_cam)
+    assert (fix.lat_deg, fix.lon_deg) == (alone.lat_deg, alone.lon_deg)
+    assert np.array_equal(fix.matches - alone.matches, np.tile([1, 0], (len(uv), 1)))
+    assert celnav.fix_position([[5.0, 5.0]], [-1000005], camera, UTC, R_cam).reason == "too_few_detections"
 
 
 def test_calibrations_take_dut1_beyond_the_table() -> None:
