@@ -14,7 +14,7 @@ from generator.light.stellar_spectra import star_spectra
 from generator.sky.assembly import whole_sky
 from generator.sky.moon_irradiance import moon_spectrum
 from generator.sky.moonlight import night_depression_deg
-from generator.sky.sunlight import SUN_BV_MAG
+from generator.sky.sunlight import SUN_BV_MAG, SUN_VI_MAG
 from generator.sky.twilight import NIGHT_DEPRESSION_DEG, SUN_V_MAG, light_from_below, twilight, twilight_field
 
 AIR = Atmosphere(1010.0, 0.1, 1.3, 300.0)
@@ -83,7 +83,7 @@ def test_twilight_falls_on_beyond_18_degrees_and_ends_without_a_step() -> None:
     light = [twilight_field(depression, AIR, 0.0, altitudes, azimuths)[..., v] for depression in depressions]
     np.testing.assert_allclose(light[2], light[1], rtol=0.05)
     np.testing.assert_allclose(light[3] / light[2], (light[2] / light[0]) ** (0.99 / 1.01), rtol=0.02)
-    sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG])[0]
+    sun = star_spectra([SUN_V_MAG], [SUN_BV_MAG], [SUN_VI_MAG])[0]
     last = twilight(below(NIGHT_DEPRESSION_DEG - 0.01), NIGHT_DEPRESSION_DEG - 0.01, AIR, 0.0)
     assert float(BESSELL_V.mean(GRID_NM, sun)) > 0
     # A dark sky has V 20.5 there, at the end of the airglow's rise towards the horizon.

@@ -25,7 +25,7 @@ from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_I, BES
 from generator.light.single_scattering import aerosol_phase
 from generator.light.stellar_spectra import star_spectra
 from generator.sky.directions import sky_grid, unit_vectors
-from generator.sky.sunlight import SUN_BV_MAG
+from generator.sky.sunlight import SUN_BV_MAG, SUN_VI_MAG
 from generator.sky.twilight import SUN_V_MAG, light_from_below, twilight, twilight_field
 from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, TOP_KM, air_density, column_densities
 from generator.twilight.solar_beam import OPAQUE, SEA_LEVEL_REFRACTIVITY, ZENITH_DISTANCES_DEG, solar_beam
@@ -52,7 +52,7 @@ BANDS = {"B": BESSELL_B, "V": BESSELL_V, "I": BESSELL_I}
 
 
 def sun_spectrum():
-    return star_spectra([SUN_V_MAG], [SUN_BV_MAG])[0]
+    return star_spectra([SUN_V_MAG], [SUN_BV_MAG], [SUN_VI_MAG])[0]
 
 
 def radiance(site, depression, altitude, azimuth):
