@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from generator.gallery.twilight_plots import KOOMEN, KOOMEN_DEPRESSION, PARANAL, v_magnitude, with_night, zenith
+from generator.gallery.vision import naked_eye_limit
 from generator.light.atmosphere import Atmosphere, airmass, optical_depth
 from generator.light.lamps import LUMEN_PER_V_PHOTON
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
-from generator.light.vision import naked_eye_limit
 from generator.sky import milky_way, zodiacal
 from generator.sky.airglow import (
     LOWER_LINES,

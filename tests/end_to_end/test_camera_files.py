@@ -11,7 +11,7 @@ from small_scenes import BASE
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
-from celnav.cli import main as celnav
+from celnav.__main__ import main as celnav
 from generator.dataset.reader import Dataset
 from generator.frame.render import render_frame
 from generator.scenario.file import load_scenario

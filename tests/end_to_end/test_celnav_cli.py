@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.utc import parse_utc
 

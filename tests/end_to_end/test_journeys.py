@@ -37,7 +37,7 @@ def test_numbers_that_vary_do_not_count_and_others_do(tool) -> None:
 def test_the_journeys_are_as_they_are_told(tool, tmp_path, monkeypatch) -> None:
     programs = tmp_path / "bin"
     programs.mkdir()
-    for name, module in (("skybench", "benchmark.cli"), ("celnav", "celnav.cli")):
+    for name, module in (("skybench", "benchmark.cli"), ("celnav", "celnav.__main__")):
         shim = programs / name
         code = f"import sys; sys.argv[0] = '{name}'; from {module} import main; sys.exit(main())"
         shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{code}" "$@"\n', encoding="utf-8")

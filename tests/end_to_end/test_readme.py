@@ -29,7 +29,7 @@ from typer.testing import CliRunner
 
 from benchmark.cli.datasets.exporting import FORMS
 from benchmark.real_tasks import fetch
-from celnav.cli import main as celnav_main
+from celnav.__main__ import main as celnav_main
 from generator.frame.render import render_frame, write_frame
 from generator.scenario.file import load_scenario
 from generator.scenario.shipped import find_scenario

@@ -13,9 +13,9 @@ from generator import plugins
 from generator.frame.exposure.expected import render_expected
 from generator.frame.plan import plan_frame
 from generator.frame.scene import frame_layers
+from generator.gallery.vision import naked_eye_limit
 from generator.light.disk_scattering import disk_irradiance
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
-from generator.light.vision import naked_eye_limit
 from generator.places.ephemeris import PLANET_ID_BASE
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky

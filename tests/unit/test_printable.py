@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from benchmark.cli.app import app
 from benchmark.cli.output import printable
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.command import answer
 
 

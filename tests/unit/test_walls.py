@@ -72,7 +72,7 @@ def test_no_package_builds_imports_from_strings() -> None:
 
 
 def test_importing_celnav_loads_nothing_from_across_the_wall() -> None:
-    code = "import sys, celnav, celnav.cli; print(sorted(set(m.split('.')[0] for m in sys.modules)))"
+    code = "import sys, celnav, celnav.__main__; print(sorted(set(m.split('.')[0] for m in sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(ast.literal_eval(run.stdout))
     assert "celnav" in loaded

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from celnav.__main__ import main
 from celnav.calibrating.calibrate import calibrate
 from celnav.calibrating.lens_form import LensForm
-from celnav.cli import main
 from celnav.command.calibration_frames import read_frames
 
 FOLDER = Path(__file__).parents[2] / "data" / "allsky"

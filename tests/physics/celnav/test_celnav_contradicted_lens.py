@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import celnav
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.command.pointing import Pointing
 
 ROOT = Path(__file__).parents[3]

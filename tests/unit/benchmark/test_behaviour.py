@@ -97,7 +97,7 @@ def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> No
         ("celnav.position", CELNAV),
         ("celnav.sequences.track", CELNAV),
         ("celnav.sequences.night", set()),
-        ("celnav.cli", set()),
+        ("celnav.command.arguments", set()),
         ("benchmark.solvers.tetra3rs.adapter", TETRA3RS),
         ("benchmark.solvers.pinhole", PEERS | LEARNED),
         ("benchmark.solvers.learned.patterns", LEARNED),

@@ -7,7 +7,7 @@ import psutil
 import pytest
 
 from celnav import Camera, Fix, Reason
-from celnav.cli import _process_started_s
+from celnav.__main__ import _process_started_s
 from celnav.command.answer import degree_decimals, length_text, map_link, match_names, position_texts
 from celnav.command.field_limits import field_deg, field_limit
 

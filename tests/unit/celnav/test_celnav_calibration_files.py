@@ -12,8 +12,8 @@ from astropy.io import fits
 from calibration_sky import LAT_DEG, LON_DEG, apparent_stars, frame_of, perspective_positions
 
 import celnav
+from celnav.__main__ import main
 from celnav.calibrating.calibrate import calibrate
-from celnav.cli import main
 from celnav.command.calibrating import _mask_picture
 from celnav.command.calibration_frames import read_frames, read_rms_centroids
 from celnav.command.pointing import Pointing

@@ -18,6 +18,7 @@ from calibration_sky import apparent_stars, fisheye_positions, frame_of, perspec
 from PIL import Image
 
 import celnav
+from celnav.__main__ import main
 from celnav.calibrating.calibration import CameraCalibration, FrameAttitude, Residuals
 from celnav.calibrating.lens_form import LensForm
 from celnav.calibrating.mount import Mount, turned
@@ -25,7 +26,6 @@ from celnav.calibrating.scatter.noise import Noise
 from celnav.calibrating.scatter.pixel_phase import PixelPhase
 from celnav.calibrating.scatter.residual_pattern import residual_pattern
 from celnav.calibrating.verdict import report, verdict
-from celnav.cli import main
 from celnav.command.pointing import Pointing
 from celnav.command.residual_map import check_map_path, draw_residual_map
 from celnav.errors import ConfigError

@@ -10,7 +10,7 @@ from PIL import Image
 from star_images import add_star
 
 import celnav
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.command.pointing import Pointing
 from celnav.errors import ConfigError, DetectionError
 

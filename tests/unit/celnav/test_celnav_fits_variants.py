@@ -9,7 +9,7 @@ import pytest
 from astropy.io import fits
 
 import celnav
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.command.exif import read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.detecting.fits_file import read_fits

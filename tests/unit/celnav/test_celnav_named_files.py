@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.command.camera_file import MAX_BYTES
 from celnav.command.checks.input_files import LARGEST_IMAGE_BYTES, LARGEST_RECORD_BYTES
 

@@ -10,7 +10,7 @@ from astropy.io import fits
 from PIL import Image
 
 import celnav
-from celnav.cli import main
+from celnav.__main__ import main
 from celnav.command import solving
 from celnav.detections import Detections
 from celnav.errors import EarthRotationError

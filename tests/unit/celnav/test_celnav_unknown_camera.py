@@ -9,10 +9,10 @@ from PIL import Image
 
 import celnav
 from celnav import unknown_camera
+from celnav.__main__ import main
 from celnav.calibrating import blind_start
 from celnav.calibrating.blind_start import WORK, Pass
 from celnav.calibrating.joint_fit import NothingNamedError
-from celnav.cli import main
 from celnav.errors import CalibrationError
 from celnav.sky.utc import parse_utc
 from tests.calibration_sky import LAT_DEG, LON_DEG, apparent_stars, perspective_positions
