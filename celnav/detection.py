@@ -47,6 +47,7 @@ from celnav.detecting.star_candidates import (
 from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
 from celnav.detecting.streaks.ends import by_ends
+from celnav.detecting.surroundings import amid_scatter, in_texture
 from celnav.detecting.tiles import Tiles, mean_map
 from celnav.detections import Detections
 from celnav.errors import ConfigError
@@ -71,6 +72,10 @@ _NOISE_MARGIN = 1.04
 # The noise of the filtered image is correlated over the width of a star. Tiles of this many standard deviations of the star
 # image hold enough independent values.
 _TILE_OVER_SIGMA = 24
+# A star exceeds the scatter of its surroundings by this fraction of the threshold.
+_OVER_SURROUNDINGS = 0.88
+# Stars whose shape is measured exceed it this many times.
+_FAR_OUT = 8.0
 # A compact source is rejected if its light that does not have a star's form, relative to the star's light, reaches the first
 # value at a significance of the second.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
@@ -255,7 +260,7 @@ def _filter(original: NDArray[np.generic], mask: ArrayLike | None, config: Detec
     if not known:
         # Streaks fall apart under a filter for point sources, so the shape is measured again on the stars found with it.
         for _ in range(_SHAPE_ROUNDS):
-            measured = shape_of_components(light, found.noise, found.parts, found.peaks.part, cores, config.max_area_px)
+            measured = _shape_of_found(light, found, shape, cores, config)
             if measured is None:
                 break
             filtered_by, shape = shape.filter_sigma_px, measured
@@ -272,6 +277,18 @@ def _filter(original: NDArray[np.generic], mask: ArrayLike | None, config: Detec
     return _FilteredSky(light, noise, cores, shape, not known and shape is first_guess, gain, found)
 
 
+def _shape_of_found(
+    light: F4, found: _Found, filtered_for: StarShape, cores: Cores, config: DetectionConfig
+) -> StarShape | None:
+    """Measure the shape on components whose peaks stand out far, or on all if these do not agree on one."""
+    peaks = found.peaks
+    least = peaks.amplitude / _FAR_OUT
+    out = ~amid_scatter(found.filtered.amplitude, peaks.uv, least, _extent_px(filtered_for))
+    parts = found.parts
+    far = shape_of_components(light, found.noise, parts.only(peaks.part[out]), peaks.part, cores, config.max_area_px)
+    return far or shape_of_components(light, found.noise, parts, peaks.part, cores, config.max_area_px)
+
+
 def _measure(sky: _FilteredSky, peaks: _Peaks, seed_sigma: float, config: DetectionConfig) -> Detections:
     """Measure the peaks above a threshold, and reject those unlike stars."""
     found, light, shape, gain = sky.found, sky.light, sky.shape, sky.gain_e_per_unit
@@ -279,6 +296,8 @@ def _measure(sky: _FilteredSky, peaks: _Peaks, seed_sigma: float, config: Detect
     if config.trail_length_px is not None:
         of_trail = trails(found.parts, found.filtered.amplitude, shape, sky.cores, config.trail_length_px)
         kept = ~np.isin(peaks.part, of_trail)
+    least = peaks.amplitude / (_OVER_SURROUNDINGS * seed_sigma)
+    kept &= ~in_texture(found.filtered.amplitude, light, sky.noise, peaks.uv, least, _extent_px(shape))
     uv, amplitude, sigma_amplitude = peaks.uv[kept], peaks.amplitude[kept], peaks.sigma_amplitude[kept]
     uv = uv[without_flanks(uv, amplitude, sigma_amplitude, seed_sigma, shape, sky.cores)]
     covariance = shape.at(uv)
@@ -344,8 +363,7 @@ def _search(
 ) -> _Found:
     """Filter the image and find significant peaks, and the components unless they are supplied."""
     filtered = matched_filter(light, shape)
-    middle = (np.array([[light.shape[1], light.shape[0]]]) - 1) / 2
-    extent_px = float(np.sqrt(axes(shape.at(middle))[0][0]))
+    extent_px = _extent_px(shape)
     tiles = Tiles.of((light.shape[0], light.shape[1]), max(config.tile_px, round(_TILE_OVER_SIGMA * extent_px)))
     ratio = mean_map([noise_ratio(filtered, noise, used, grid) for grid in tiles.both])
     effective = replace(noise, ratio=ratio)
@@ -355,6 +373,12 @@ def _search(
         parts = components(light, at, seeded)
     seeds = _peaks(filtered, effective, at[seeded], used, parts)
     return _Found(filtered, effective, used, parts, at, significance, seeds)
+
+
+def _extent_px(shape: StarShape) -> float:
+    """Return the larger standard deviation of the star image in the middle of the frame."""
+    height, width = shape.size
+    return float(np.sqrt(axes(shape.at((np.array([[width, height]]) - 1) / 2))[0][0]))
 
 
 def _peaks(

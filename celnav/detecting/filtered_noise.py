@@ -22,6 +22,8 @@ Mask = NDArray[np.bool_]
 _CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
 # A single tile counts on its own if it exceeds the median of its neighbours by this factor, three sigma of the estimate.
 _OWN = 1.4
+# And if it falls short of the median by this one, as clear sky between clouds does.
+_OWN_LESS = 1.6
 # Variance, relative to white noise, that the hollows around stars add if every 24 x 24 pixels contain a star of 50 sigma.
 _HOLLOWS = np.float32(0.25)
 _LEAST_NOISE = np.float32(1e-30)
@@ -59,7 +61,7 @@ def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -
     relative.sort(axis=1)
     spreads = _one_sided(relative, number, tiles)
     alike, own = smooth(spreads).min(axis=0), spreads.min(axis=0)
-    ratio = np.maximum(alike, own / np.float32(_OWN))
+    ratio = np.clip(alike, own / np.float32(_OWN), own * np.float32(_OWN_LESS))
     return tiles.map_of(np.sqrt(np.maximum(ratio * ratio - _HOLLOWS, 1)), extrapolated=False)
 
 

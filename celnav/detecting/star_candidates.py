@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,14 @@ class Components:
     flux: F8
     area: NDArray[np.int64]
     label: NDArray[np.int64]
+
+    def only(self, labels: Labels) -> Components:
+        """Return the components with given labels; the list of pixels stays whole."""
+        kept = np.isin(self.label, labels)
+        return replace(
+            self, uv=self.uv[kept], covariance=self.covariance[kept], flux=self.flux[kept], area=self.area[kept],
+            label=self.label[kept],
+        )  # fmt: skip
 
     def holding(self, uv: F8) -> Labels:
         """Return the components of the pixels nearest to positions inside the image, shape (n,); 0 for none."""

@@ -287,4 +287,5 @@ def printed(line: str) -> str:
 @functools.cache
 def help_of(command: str) -> str:
     """What the help of a command of `celnav` prints."""
-    return subprocess.run([sys.executable, "-m", "celnav", command, "--help"], capture_output=True, text=True, check=True).stdout
+    asked = [sys.executable, "-m", "celnav", command, "--help"]
+    return subprocess.run(asked, capture_output=True, text=True, check=True).stdout
