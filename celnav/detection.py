@@ -76,6 +76,8 @@ _TILE_OVER_SIGMA = 24
 _OVER_SURROUNDINGS = 0.88
 # Stars whose shape is measured exceed it this many times.
 _FAR_OUT = 8.0
+# So much of what stands out so far must have one shape: particle tracks stand out, too.
+_ALIKE_FAR_OUT = 0.2
 # A compact source is rejected if its light that does not have a star's form, relative to the star's light, reaches the first
 # value at a significance of the second.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
@@ -285,8 +287,9 @@ def _shape_of_found(
     least = peaks.amplitude / _FAR_OUT
     out = ~amid_scatter(found.filtered.amplitude, peaks.uv, least, _extent_px(filtered_for))
     parts = found.parts
-    far = shape_of_components(light, found.noise, parts.only(peaks.part[out]), peaks.part, cores, config.max_area_px)
-    return far or shape_of_components(light, found.noise, parts, peaks.part, cores, config.max_area_px)
+    given = peaks.part, cores, config.max_area_px
+    far = shape_of_components(light, found.noise, parts.only(peaks.part[out]), *given, _ALIKE_FAR_OUT)
+    return far or shape_of_components(light, found.noise, parts, *given)
 
 
 def _measure(sky: _FilteredSky, peaks: _Peaks, seed_sigma: float, config: DetectionConfig) -> Detections:

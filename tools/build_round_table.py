@@ -23,8 +23,9 @@ from benchmark.report.site.tree import read_tree
 from benchmark.rounds.private_frames import LATER
 
 ROOT = Path(__file__).parents[1]
-LATEST = "open-sky-2026-11o"
+LATEST = "open-sky-2026-11p"
 EARLIER = (
+    "open-sky-2026-11o",
     "open-sky-2026-11m",
     "open-sky-2026-11l",
     "open-sky-2026-11i",

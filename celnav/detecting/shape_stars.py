@@ -113,7 +113,13 @@ def _elongation(light: F4, uv: F8) -> F8:
 
 
 def shape_of_components(
-    light: F4, noise: NoiseMap, parts: Components, part_of_peak: NDArray[np.int32], cores: Cores, max_area_px: int
+    light: F4,
+    noise: NoiseMap,
+    parts: Components,
+    part_of_peak: NDArray[np.int32],
+    cores: Cores,
+    max_area_px: int,
+    least_share: float | None = None,
 ) -> StarShape | None:
     """Measure the shape on bright components that are neither saturated nor, if there are enough others, blended.
 
@@ -131,6 +137,8 @@ def shape_of_components(
         Saturated stars.
     max_area_px : int
         Largest area of a component that can be a star.
+    least_share : float, optional
+        As for `fit_shape`.
     """
     at = np.rint(parts.uv).astype(np.intp)
     clear = parts.flux > 15 * noise.at(at[:, 1], at[:, 0]) * np.sqrt(np.maximum(parts.area, 1))
@@ -151,7 +159,7 @@ def shape_of_components(
     wide = axes(begun)[0] > _WIDE_VARIANCE
     for some, largest in ((wide, LARGEST_VARIANCE), (~wide, _LARGEST_COMPACT)):
         covariance[some] = adaptive_moments(light, parts.uv[chosen][some], begun[some], largest)
-    return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
+    return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]), least_share)
 
 
 def _brightest_around(uv: F8, brightness: F8) -> Rows:

@@ -231,11 +231,13 @@ def gaussians(window: F8, du: F4, dv: F4) -> F4:
     return np.asarray(np.exp(exponent, out=exponent))
 
 
-def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:
+def fit_shape(covariance: F8, uv: F8, size: tuple[int, int], least_share: float | None = None) -> StarShape | None:
     """Fit the shape to the covariances of single stars, shape (n, 3); None if too few are known or agree.
 
-    The shape varies over the frame only if that clearly reduces the scatter.
+    The shape varies over the frame only if that clearly reduces the scatter. `least_share` of all sources must agree; by
+    default 0.15 of those whose covariance is known.
     """
+    least = 0.0 if least_share is None else least_share * len(covariance)
     known = np.isfinite(covariance).all(axis=1)
     if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= _FEW:
         known = stars
@@ -246,7 +248,7 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     if len(uv) < _FEW and not _few_alike(covariance, agreeing):
         return None
     middle = _middle(covariance, np.median(covariance[agreeing], axis=0))
-    fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing) else None
+    fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing, least) else None
     if len(uv) < 20:
         return fixed
     terms = _terms(uv, size)
@@ -259,7 +261,7 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
         near = np.abs(covariance - terms @ coefficients).sum(axis=1) < tolerance
         if best is None or near.sum() > alike.sum():
             best, alike = StarShape(coefficients, size), near
-    if best is None or not _enough(alike):
+    if best is None or not _enough(alike, least):
         return fixed
     mild = best.filter_sigma_px is not None
     if mild and len(uv) < _FEWEST_OF_MILD:
@@ -332,8 +334,8 @@ def _few_alike(covariance: F8, agreeing: Mask) -> bool:
     return bool(enough and (axes(covariance[agreeing])[1] >= _TRACK_VARIANCE).all())
 
 
-def _enough(agreeing: Mask) -> bool:
-    return bool(agreeing.sum() >= max(_LEAST_AGREEING, _LEAST_SHARE * len(agreeing)))
+def _enough(agreeing: Mask, least: float) -> bool:
+    return bool(agreeing.sum() >= max(_LEAST_AGREEING, _LEAST_SHARE * len(agreeing), least))
 
 
 def median(values: F8) -> float:
