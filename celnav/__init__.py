@@ -16,7 +16,6 @@ from celnav.camera import Camera
 from celnav.command.camera_file import CameraFile, read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.flood_fill import FloodFillConfig
-from celnav.detecting.image_file import read_image
 from celnav.detection import FAINT_STARS, DetectionConfig, detect
 from celnav.detections import Detections
 from celnav.errors import CelnavError
@@ -25,6 +24,7 @@ from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.matching.history import History
 from celnav.position import PositionConfig, Weather, fix_position, usual_weather
 from celnav.problem import LastKnown, ToldSigmas
+from celnav.reading.image_file import read_image
 from celnav.sequences.track import Track, TrackConfig, TrackPoint
 from celnav.skybench_config import SkybenchConfig
 from celnav.skybench_solver import SkybenchSolver

@@ -23,7 +23,7 @@ from skimage.io import imread
 
 from benchmark.frames.record_values import read_record
 from celnav.camera import Camera
-from celnav.detecting.fits_file import read_fits
+from celnav.reading.fits_file import read_fits
 
 F8 = NDArray[np.float64]
 

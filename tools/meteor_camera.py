@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 import celnav
 from benchmark.twin.stacked_video import read_stack
-from celnav.detecting.fits_file import unpacked_bytes
+from celnav.reading.fits_file import unpacked_bytes
 
 F8 = NDArray[np.float64]
 

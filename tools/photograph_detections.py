@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 import celnav
 from celnav.calibrating.frames import Site, sky_over
-from celnav.detecting.fits_file import read_fits
 from celnav.position import Weather
+from celnav.reading.fits_file import read_fits
 from celnav.sky.utc import parse_utc
 
 F8 = NDArray[np.float64]

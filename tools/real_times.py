@@ -13,7 +13,7 @@ from pathlib import Path
 
 import celnav
 from benchmark.fields.solver_effort import calibration_s
-from celnav.detecting.fits_file import read_fits
+from celnav.reading.fits_file import read_fits
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 import celnav
 from benchmark.judge.geodesy import east_north_km
-from celnav.detecting.fits_file import read_fits
+from celnav.reading.fits_file import read_fits
 
 SHIFTS_PX = (3, 6, 10, 14, 20, 30, 40, 60, 100)
 DIRECTIONS_DEG = (0, 35, 100, 180, 215, 280)

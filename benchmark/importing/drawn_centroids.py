@@ -21,8 +21,8 @@ from celnav.calibrating.frames import CalibrationFrame
 from celnav.command.calibration_frames import MAX_BYTES, read_rms_centroids
 from celnav.command.checks.input_files import check_file
 from celnav.command.checks.rms_file import check_rms_file
-from celnav.detecting.image_file import MAX_PIXELS
 from celnav.errors import CalibrationError, CelnavError
+from celnav.reading.image_file import MAX_PIXELS
 from generator.files import atomic_path
 from generator.reading.record import LARGEST_SIDE_PX
 

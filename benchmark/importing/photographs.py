@@ -24,9 +24,9 @@ from benchmark.errors import PhotographError
 from celnav.command.exif import read_raw_tags, read_tags
 from celnav.command.exposure_time import Stamp, exposure_time
 from celnav.detecting.colour_mosaic import level_mosaic
-from celnav.detecting.fits_file import FitsImage, is_fits, read_fits
-from celnav.detecting.image_file import RAW_SUFFIXES
 from celnav.errors import TimeError
+from celnav.reading.fits_file import FitsImage, is_fits, read_fits
+from celnav.reading.image_file import RAW_SUFFIXES
 from generator.files import read_at_most
 from generator.places.times import Instant
 from generator.reading.record import LARGEST_SIDE_PX

@@ -16,8 +16,8 @@ from benchmark.twin.scene import read_passing
 from benchmark.twin.stacked_video import PICTURES, start_of
 from benchmark.yaml_file import read_yaml
 from celnav.command.checks.input_files import LARGEST_IMAGE_BYTES, check_file
-from celnav.detecting.fits_file import unpacked_bytes
 from celnav.errors import ImageError
+from celnav.reading.fits_file import unpacked_bytes
 
 LARGEST_PASSING_BYTES = 1_000_000
 MASK_FORMATS = ("PNG", "BMP")

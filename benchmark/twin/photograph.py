@@ -16,8 +16,8 @@ from benchmark.errors import PhotographError
 from benchmark.photographed.alignment import Alignment
 from benchmark.place import Place
 from benchmark.twin.stacked_video import StackedVideo, read_stack, start_of
-from celnav.detecting.fits_file import read_fits, unpacked_bytes
 from celnav.errors import ImageError
+from celnav.reading.fits_file import read_fits, unpacked_bytes
 from celnav.sky.fits_times import ExposureInHeader
 from generator.places.times import Instant
 from generator.scenario.model import HIGHEST_SITE_M, LOWEST_SITE_M

@@ -13,8 +13,8 @@ from celnav.command.camera_file import read_camera_file
 from celnav.command.checks.remedies import naming_formats
 from celnav.command.pointing import Pointing
 from celnav.command.whole_file import write_whole
-from celnav.detecting.image_file import read_mask
 from celnav.errors import ConfigError
+from celnav.reading.image_file import read_mask
 
 
 def calibrate_files(arguments: argparse.Namespace) -> str:

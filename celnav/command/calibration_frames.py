@@ -17,11 +17,11 @@ from celnav.calibrating.sky_mask import sky_mask
 from celnav.checking import finite_number
 from celnav.command.exif import read_tags
 from celnav.command.exposure_time import Stamp, exposure_time, refuse_clock_options
-from celnav.detecting.fits_file import is_fits, read_fits
-from celnav.detecting.image_file import read_image, refuse_raw, without_blanks
 from celnav.detection import DetectionConfig, detect
 from celnav.detections import Detections
 from celnav.errors import CalibrationError, ImageError, TimeError
+from celnav.reading.fits_file import is_fits, read_fits
+from celnav.reading.image_file import read_image, refuse_raw, without_blanks
 from celnav.sky.fits_times import block_middle
 from celnav.sky.utc import parse_utc
 

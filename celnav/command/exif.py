@@ -98,8 +98,8 @@ def read_tags(path: str | Path) -> PhotoTags:
     """
     from PIL import Image
 
-    from celnav.detecting.fits_file import is_fits, read_fits
-    from celnav.detecting.heif_file import is_heif, open_heif
+    from celnav.reading.fits_file import is_fits, read_fits
+    from celnav.reading.heif_file import is_heif, open_heif
 
     if is_fits(path):
         found = read_fits(path)

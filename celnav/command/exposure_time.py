@@ -8,8 +8,8 @@ from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from typing import Literal
 
 from celnav.command.exif import PhotoTags
-from celnav.detecting.fits_file import is_fits
 from celnav.errors import TimeError
+from celnav.reading.fits_file import is_fits
 from celnav.sky.utc import parse_utc
 
 Stamp = Literal["start", "middle", "end"]

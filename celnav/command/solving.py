@@ -25,7 +25,6 @@ from celnav.command.exposure_time import exposure_time, refuse_clock_options
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
-from celnav.detecting.image_file import read_image, read_mask, refuse_raw, without_blanks
 from celnav.detection import FAINT_STARS, DetectionConfig, detect
 from celnav.detections import Detections
 from celnav.errors import CalibrationError, CameraError, CelnavError, ConfigError
@@ -33,6 +32,7 @@ from celnav.fix import Fix, Reason
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
 from celnav.problem import LastKnown, Solver
+from celnav.reading.image_file import read_image, read_mask, refuse_raw, without_blanks
 from celnav.skybench_config import SkybenchConfig
 from celnav.skybench_solver import SkybenchSolver
 from celnav.solver import solve

@@ -21,10 +21,10 @@ from celnav.camera import MODELS
 from celnav.command.calibration_frames import read_rms_centroids
 from celnav.command.camera_file import read_camera_file
 from celnav.command.exif import read_tags
-from celnav.detecting.image_file import read_image
 from celnav.identification.search_config import SearchConfig, Stage
 from celnav.matching.ddr_dai import DaiConfig
 from celnav.matching.patterns import PatternConfig
+from celnav.reading.image_file import read_image
 from celnav.sky.utc import parse_utc
 
 CAMERAS = corpus("camera_file")

@@ -15,8 +15,8 @@ from celnav.command.exif import read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
 from celnav.detecting import heif_file
-from celnav.detecting.image_file import read_image
 from celnav.errors import ImageError
+from celnav.reading.image_file import read_image
 from generator.dataset.generate import generate
 from generator.dataset.images import photo
 from generator.dataset.layout import DatasetSpec
@@ -105,7 +105,7 @@ def test_damaged_large_and_strange_files_are_refused(tmp_path, monkeypatch) -> N
     with pytest.raises(GeneratorError, match="270 x 180 pixels"):
         photo(data, (180, 271))
     path.write_bytes(data)
-    monkeypatch.setattr("celnav.detecting.image_file.MAX_PIXELS", 1000)
+    monkeypatch.setattr("celnav.reading.image_file.MAX_PIXELS", 1000)
     monkeypatch.setattr(heif_file, "decode", lambda *_: pytest.fail("decoded before its size was judged"))
     with pytest.raises(ImageError, match="limit is 100 million"):
         read_image(path)
@@ -142,7 +142,7 @@ def test_the_remedy_is_named_where_the_package_is_missing(tmp_path) -> None:
     code = f"""
 import sys
 sys.modules["pillow_heif"] = None
-from celnav.detecting.image_file import read_image
+from celnav.reading.image_file import read_image
 from generator.dataset.images import photo
 for read in (lambda: read_image({str(path)!r}), lambda: photo(open({str(path)!r}, "rb").read())):
     try:

@@ -10,7 +10,7 @@ from small_scenes import small_scenario
 from celnav.command.exif import read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
-from celnav.detecting.image_file import read_image
+from celnav.reading.image_file import read_image
 from generator.dataset.images import photo
 from generator.errors import GeneratorError, ScenarioError
 from generator.frame.plan import plan_frame

@@ -8,8 +8,8 @@ import pytest
 import tifffile
 
 from benchmark.importing.photographs import Clock, read_photograph
-from celnav.detecting.image_file import read_image
 from celnav.errors import ImageError
+from celnav.reading.image_file import read_image
 
 DEEP = np.random.default_rng(1).integers(0, 65536, (50, 70, 4), dtype=np.uint16)
 

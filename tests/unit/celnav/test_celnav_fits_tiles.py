@@ -12,8 +12,8 @@ import pytest
 from astropy.io import fits
 
 from celnav.detecting import fits_file
-from celnav.detecting.fits_file import read_fits
 from celnav.errors import ImageError
+from celnav.reading.fits_file import read_fits
 
 PIXELS = np.arange(64 * 48, dtype=np.int16).reshape(48, 64)
 BOMB_BYTES = 100_000_000

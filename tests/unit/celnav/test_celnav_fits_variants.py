@@ -12,9 +12,9 @@ import celnav
 from celnav.__main__ import main
 from celnav.command.exif import read_tags
 from celnav.command.exposure_time import exposure_time
-from celnav.detecting.fits_file import read_fits
-from celnav.detecting.image_file import read_mask, without_blanks
 from celnav.errors import ImageError, TimeError
+from celnav.reading.fits_file import read_fits
+from celnav.reading.image_file import read_mask, without_blanks
 from celnav.sky.fits_times import exposure_in
 
 PIXELS = np.arange(600, dtype=np.uint16).reshape(20, 30) + 40000

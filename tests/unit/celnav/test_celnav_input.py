@@ -9,7 +9,7 @@ from PIL import Image
 
 import celnav
 from celnav import errors
-from celnav.detecting.image_file import read_image
+from celnav.reading.image_file import read_image
 from celnav.sky.earth_rotation import default_table, earth_orientation
 from celnav.sky.utc import parse_utc
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from celnav.detecting.image_file import read_image
 from celnav.errors import ImageError
+from celnav.reading.image_file import read_image
 
 
 def picture(**options: object) -> bytes:

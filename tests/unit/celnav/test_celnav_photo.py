@@ -15,10 +15,10 @@ from celnav.command.exif import PhotoTags, read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
 from celnav.command.solving import MIRRORED, _Lens, _of_attitude, _with_hint_of_other_lens
-from celnav.detecting.image_file import refuse_raw
 from celnav.detections import Detections
 from celnav.errors import CameraError, ImageError, TimeError
 from celnav.fix import Fix, Reason
+from celnav.reading.image_file import refuse_raw
 
 TAKEN = datetime(2023, 10, 14, 22, 0, 0)
 TAGS = PhotoTags(6000, 4000, taken=TAKEN, exposure_s=8.0, focal_length_mm=24.0, focal_length_35mm=24.0)

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import celnav
-from celnav.detecting.fits_file import read_fits
 from celnav.detecting.tiles import Tiles
+from celnav.reading.fits_file import read_fits
 
 ALLSKY = Path(__file__).parents[2] / "data/allsky"
 

@@ -8,11 +8,11 @@ from scipy.ndimage import gaussian_filter
 from star_images import add_star, grid, nearest
 
 import celnav
-from celnav.detecting.fits_file import read_fits
 from celnav.detecting.image_background import Outstanding
 from celnav.detecting.shape_stars import shape_of_bright
 from celnav.detecting.star_candidates import Cores
 from celnav.errors import ImageError
+from celnav.reading.fits_file import read_fits
 
 ALLSKY = Path(__file__).parents[2] / "data/allsky"
 # Of the frames' camera: middle of the image circle, and pixels from the zenith to the horizon.

@@ -69,8 +69,8 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     """
     from PIL import Image, UnidentifiedImageError
 
-    from celnav.detecting.fits_file import is_fits, read_fits
-    from celnav.detecting.heif_file import decode, is_heif, open_heif
+    from celnav.reading.fits_file import is_fits, read_fits
+    from celnav.reading.heif_file import decode, is_heif, open_heif
 
     refuse_raw(path)
     if is_fits(path):

@@ -1,0 +1,1 @@
+"""Images from files: FITS, HEIF, PNG, TIFF and JPEG, as arrays, with what the files say about the exposure."""
