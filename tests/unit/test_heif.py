@@ -14,8 +14,8 @@ from small_scenes import BASE, small_scenario
 from celnav.command.exif import read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.command.photo_camera import photo_camera
-from celnav.detecting import heif_file
 from celnav.errors import ImageError
+from celnav.reading import heif_file
 from celnav.reading.image_file import read_image
 from generator.dataset.generate import generate
 from generator.dataset.images import photo

@@ -14,7 +14,7 @@ from benchmark.cli.app import app
 from benchmark.errors import PhotographError
 from benchmark.twin.photograph import name_of, read_photograph
 from benchmark.twin.scene import read_scene
-from celnav.detecting import fits_file
+from celnav.reading import fits_file
 from generator.scenario.shipped import find_scenario
 
 SHIPPED = Path(__file__).parents[2] / "data" / "allsky"

@@ -17,8 +17,8 @@ from celnav.calibrating.calibrate import calibrate
 from celnav.command.calibrating import _mask_picture
 from celnav.command.calibration_frames import read_frames, read_rms_centroids
 from celnav.command.pointing import Pointing
-from celnav.detecting import fits_file
 from celnav.errors import CalibrationError, ImageError, TimeError
+from celnav.reading import fits_file
 from celnav.reading.fits_file import read_fits
 from celnav.sky.fits_times import block_middle
 

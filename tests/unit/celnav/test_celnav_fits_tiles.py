@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from celnav.detecting import fits_file
 from celnav.errors import ImageError
+from celnav.reading import fits_file
 from celnav.reading.fits_file import read_fits
 
 PIXELS = np.arange(64 * 48, dtype=np.int16).reshape(48, 64)
