@@ -161,7 +161,10 @@ def score(
         return
     for one in found:
         typer.echo(one.words)
-    typer.echo(f"next: skybench bench report --out {wanted.out}")
+    typer.echo(
+        f"next: skybench bench report --out {wanted.out}; before you publish it, pack its raw results into tables: "
+        f"skybench bench pack-results --out {wanted.out}"
+    )
 
 
 @app.command("open", epilog="Example: skybench bench round open rounds/first --secret secret.hex --truth private/first")
