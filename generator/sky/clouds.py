@@ -312,7 +312,7 @@ def _mean_above(coarse: NDArray[np.float32], threshold: float, sigma: float) -> 
 def diffuse_transmission(depth: ArrayLike, asymmetry: float = WATER_ASYMMETRY) -> Floats:
     """Fraction of diffuse light that a cloud transmits: 1 / (1 + 3/4 (1 - g) depth); it reflects the rest.
 
-    Two-stream approximation without absorption. Source: Bohren 1987, Am. J. Phys. 55, 524, eq. 20.
+    Eddington's approximation without absorption. Source: Meador & Weaver 1980, J. Atmos. Sci. 37, 630, table 1.
     """
     return 1 / (1 + 0.75 * (1 - asymmetry) * np.asarray(depth, float))
 

@@ -153,7 +153,7 @@ def test_wind_carries_the_cloud() -> None:
 
 
 def test_diffuse_transmission_is_bohren_s() -> None:
-    """Optical depth 10 with g 0.85 passes about half (Bohren 1987: 0.47 for 3/4 (1 - g) tau = 1.125)."""
+    """Optical depth 10 with g 0.85 passes about half (Meador & Weaver 1980, Eddington: 0.47 for 3/4 (1 - g) tau = 1.125)."""
     assert float(diffuse_transmission(10.0)) == pytest.approx(0.47, abs=0.01)
     assert float(diffuse_transmission(0.0)) == 1.0
 
