@@ -52,7 +52,7 @@ def test_every_package_that_skybench_runs_on_has_its_licence_stated() -> None:
     stated.pop("package")
     groups = [
         PROJECT["dependencies"],
-        *(PROJECT["optional-dependencies"][name] for name in ("peers", "cluster", "heif")),
+        *(PROJECT["optional-dependencies"][name] for name in ("peers", "cluster", "heif", "raw")),
     ]
     needed = {canonicalize_name(Requirement(line).name) for group in groups for line in group}
     assert set(stated) == needed
