@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 
 from benchmark.errors import RoundError
 from benchmark.instruments import Precision
 from benchmark.rounds.rules import INSTRUMENTS, Rules
 from benchmark.rounds.secret import RoundKey
 from generator.errors import ScenarioError
+from generator.reading.strict_yaml import strict_text
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.variation import Draw
 
@@ -83,7 +83,7 @@ def _draw_frame(rules: Rules, key: RoundKey, index: int) -> DrawnFrame:
 
     seed = int.from_bytes(key.digest("noise", index)[:8], "big") >> 1  # records store signed 64-bit integers
     head: dict[str, Any] = {"name": f"{rules.file.name}-{index:05d}", "seed": seed}
-    text = yaml.safe_dump(head | template.drawn(0, stream_of), sort_keys=False)
+    text = strict_text(head | template.drawn(0, stream_of), sort_keys=False)
     return DrawnFrame(
         index, f"f{key.digest('name', index).hex()[:NAME_DIGITS]}", kind, text, _precision(rules, key, index)
     )

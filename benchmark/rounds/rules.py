@@ -20,7 +20,7 @@ from benchmark.errors import RoundError
 from benchmark.wrong_key import wrong_key
 from generator.errors import ScenarioError
 from generator.files import read_text_at_most
-from generator.reading.strict_yaml import StrictLoader
+from generator.reading.strict_yaml import StrictLoader, strict_text
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.strict import Strict
 from generator.scenario.variation import Draw, find_variations
@@ -148,7 +148,7 @@ def parse_rules(text: str, source: str) -> Rules:
 
 def _template(file: RulesFile, kind: KindFile) -> Scenario:
     tree = {"name": f"{file.name}-{kind.name}"[:64]} | _merged(file.common, kind.scenario)
-    return parse_scenario(yaml.safe_dump(tree, sort_keys=False), f"kind {kind.name}")
+    return parse_scenario(strict_text(tree, sort_keys=False), f"kind {kind.name}")
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from benchmark.errors import PhotographError
 from benchmark.twin.photograph import Photograph
 from celnav.camera import Camera
 from generator.files import write_bytes
+from generator.reading.strict_yaml import StrictLoader, strict_text
 from generator.scenario.file import Scenario, load_scenario, parse_scenario
 from generator.scenario.foreground_spec import TrailSpec
 from generator.scenario.model import FrameSpec, pointing_of
@@ -111,7 +112,7 @@ def read_scene(path: Path) -> Scene:
     scenario = load_scenario(path)
     if scenario.frame_count != 1:
         raise PhotographError(f"{path}: has {scenario.frame_count} frames; a camera's scene has one")
-    tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    tree = yaml.load(path.read_text(encoding="utf-8"), Loader=StrictLoader)  # a SafeLoader underneath
     return Scene(path, scenario, tree, scenario.frame(0))
 
 
@@ -124,7 +125,7 @@ def read_passing(path: Path) -> dict[str, list[dict[str, Any]]]:
         The file cannot be read or has other content.
     """
     try:
-        given = yaml.safe_load(path.read_text(encoding="utf-8"))
+        given = yaml.load(path.read_text(encoding="utf-8"), Loader=StrictLoader)  # a SafeLoader underneath
         return {
             name: [trail.model_dump(exclude_unset=True) for trail in trails]
             for name, trails in _PASSING.validate_python(given).items()
@@ -209,4 +210,4 @@ def png_bytes(picture: NDArray[np.uint8]) -> bytes:
 
 
 def _text(tree: dict[str, Any]) -> str:
-    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True, width=120)
+    return strict_text(tree, sort_keys=False, allow_unicode=True, width=120)

@@ -12,6 +12,7 @@ from small_scenes import BASE, small_scenario
 from generator.errors import ScenarioError, TimeRangeError
 from generator.light.atmosphere import usual_pressure_hpa
 from generator.places import times
+from generator.reading.strict_yaml import StrictLoader, strict_text
 from generator.scenario.file import load_scenario, parse_scenario
 from generator.scenario.model import NAMED_ATTITUDES, FrameSpec, Pointing, pointing_matrix, pointing_of
 from generator.scenario.sequences.sequence import SequenceSpec, frame_of
@@ -68,6 +69,20 @@ REFUSED = {
     "bad name": ("name: hello", "name: ../hello", ["name", "../hello"]),
     "not YAML": ("site:", "site: [", ["line", "not valid YAML"]),
     "alias": ("seed: 0", "seed: &a 0\ndescription: *a", ["line", "aliases"]),
+    "leading zero": (
+        "attitude: zenith-north-up", "attitude: {azimuth_deg: 045, altitude_deg: 60}",
+        ["mine.yaml, line", "found 045, a number with a leading zero", "write 45"],
+    ),
+    "negative with a leading zero": (
+        "attitude: zenith-north-up", "attitude: {azimuth_deg: -090, altitude_deg: 60}", ["write -90"]
+    ),
+    "base 60": ("latitude_deg: 52.0", "latitude_deg: 52:30", ["site.latitude_deg: found str '52:30'"]),
+    "fraction of base 60": ("latitude_deg: 52.0", "latitude_deg: 52:30:10.5", ["site.latitude_deg: found str '52:30:10.5'"]),
+    "tag": ("seed: 0", "seed: !!int 0", ["mine.yaml, line", "tags are not allowed; remove !!int"]),
+    "empty number by its tag": ("seed: 0", 'seed: !!float ""', ["tags are not allowed"]),
+    "word by a tag of truth": ("seed: 0", "seed: !!bool x", ["tags are not allowed"]),
+    "time by its tag": ("seed: 0", "seed: !!timestamp x", ["tags are not allowed"]),
+    "set by its tag": ("sky:", "sky: !!set", ["tags are not allowed"]),
     "object": ("seed: 0", "seed: !!python/object/apply:os.getcwd []", ["not valid YAML"]),
     "empty sweep": ("bortle: 5", "bortle: {sweep: []}", ["sky.bortle.sweep", "list"]),
     "zip of unequal length": (
@@ -100,6 +115,26 @@ def test_refusal_names_file_key_found_and_allowed(case) -> None:
     assert message.startswith("mine.yaml")
     for fragment in fragments:
         assert fragment in message
+
+
+@pytest.mark.parametrize(("written", "number"), [
+    ("1e-1", 0.1), ("1e0", 1.0), ("1E0", 1.0), ("2.5e-1", 0.25), ("+1e0", 1.0), ("+.5", 0.5), ("1.e-1", 0.1), (".5e0", 0.5),
+    ("0.5", 0.5), ("00.5", 0.5), ("1", 1.0),
+])  # fmt: skip
+def test_numbers_need_neither_a_point_nor_the_sign_of_their_exponent(written, number) -> None:
+    frame = parse_scenario(TEXT.replace("exposure_s: 0.5", f"exposure_s: {written}"), "mine.yaml").frame(0)
+    assert frame.time.exposure_s == number
+
+
+@pytest.mark.parametrize("written", ["+10:00", "190:20:30", "12:30.5", "2020-01-15", "0o17", "e5", "1e", "."])
+def test_what_only_looks_like_a_number_arrives_as_text(written) -> None:
+    assert yaml.load(f"a: {written}", Loader=StrictLoader) == {"a": written}
+
+
+@given(st.one_of(st.text("0123456789-+._:eEx", max_size=8), st.sampled_from(["1e-00042", "089", "1e3", "+.5"])))
+def test_text_that_looks_like_a_number_is_written_so_that_it_stays_text(text) -> None:
+    tree = {"name": text, "value": 1e-5, "count": 12}
+    assert yaml.load(strict_text(tree), Loader=StrictLoader) == tree
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.yaml")), ids=lambda path: path.name)

@@ -130,8 +130,8 @@ def _listing(values: tuple[object, ...]) -> str:
 
 def _as_written(tree: Any, path: tuple[str, ...]) -> str:
     """A scenario's value as written in its file, on one line."""
-    import yaml
+    from generator.reading.strict_yaml import strict_text
 
     for key in path:
         tree = tree[int(key)] if isinstance(tree, list) else tree[key]
-    return yaml.safe_dump(tree, default_flow_style=True, width=1000).strip()
+    return strict_text(tree, default_flow_style=True, width=1000).strip()

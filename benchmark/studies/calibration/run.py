@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 import celnav
@@ -38,6 +37,7 @@ from celnav.skybench_config import SkybenchConfig
 from celnav.skybench_solver import SkybenchSolver
 from celnav.solver import SOLVERS
 from generator.places.times import Instant, earth_orientation
+from generator.reading.strict_yaml import strict_text
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario, parse_scenario
 
@@ -187,7 +187,7 @@ def solve_centroids(
 def changed_scenario(scenario: Scenario, name: str, n_frames: int, **sections: Any) -> Scenario:
     """Make a scenario with the same name stem, other sections (a mapping each) and another number of frames."""
     header = {"name": f"{scenario.name}-{name}", "seed": scenario.seed, "frames": n_frames}
-    return parse_scenario(yaml.safe_dump({**header, **scenario.template, **sections}), scenario.source)
+    return parse_scenario(strict_text({**header, **scenario.template, **sections}), scenario.source)
 
 
 def solve_pictures(

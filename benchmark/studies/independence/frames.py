@@ -9,7 +9,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from benchmark.errors import TaskError
@@ -24,6 +23,7 @@ from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import RenderedFrame, write_frame
 from generator.places.astrometry import ApparentPlaces
+from generator.reading.strict_yaml import strict_text
 from generator.scenario.file import Scenario, parse_scenario
 from generator.seeds import random_stream, unit_stream
 from generator.sensor.detector import expose
@@ -62,7 +62,7 @@ def perturbed_scenario(scenario: Scenario, perturbation: Perturbation | None, n_
         changed = {**tree["camera"].get("psf", {}), **perturbation.psf}
         tree["camera"]["psf"] = {name: value for name, value in changed.items() if value is not None}
     header = {"name": f"{scenario.name}-{key}".replace(".", "_"), "seed": scenario.seed, "frames": n_frames}
-    return parse_scenario(yaml.safe_dump({**header, **tree}), scenario.source)
+    return parse_scenario(strict_text({**header, **tree}), scenario.source)
 
 
 def displaced(plan: FramePlan, perturbation: Perturbation) -> FramePlan:

@@ -10,14 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import yaml
-
 import celnav
 from benchmark.frames.dataset import load_image, open_dataset
 from benchmark.studies.common.contestants import judge_detections
 from benchmark.studies.common.progress import Advance
 from benchmark.studies.common.records import Row, row_of
 from benchmark.studies.thesis import contestants as who
+from generator.reading.strict_yaml import strict_text
 from generator.scenario.file import Scenario, parse_scenario
 
 MOST_FRAMES = 40
@@ -71,7 +70,7 @@ def disturbed_scenario(scenario: Scenario, setting: str, n_frames: int) -> Scena
     for section, changes in SETTINGS[setting].items():
         tree[section] = {**tree.get(section, {}), **changes}
     header = {"name": f"{scenario.name}-disturbed", "seed": scenario.seed, "frames": n_frames}
-    return parse_scenario(yaml.safe_dump({**header, **tree}), scenario.source)
+    return parse_scenario(strict_text({**header, **tree}), scenario.source)
 
 
 def solve_disturbed(scenario: Scenario, n_frames: int, folder: Path, progress: Advance) -> tuple[Row, ...]:
