@@ -324,7 +324,9 @@ def parse_scenario(text: str, source: str) -> Scenario:
         name, description, seed, repeats, tree, _axes(sweeps, source), tuple(draws), source, steps=_steps(tree, source)
     )
     if scenario.frame_count > LARGEST_FRAME_COUNT:
-        raise ScenarioError(f"{source}: it makes {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
+        # Python prints no integer of thousands of digits.
+        many = str(scenario.frame_count) if scenario.frame_count < 10**50 else "more than 10^50"
+        raise ScenarioError(f"{source}: it makes {many} frames, expected at most {LARGEST_FRAME_COUNT}; lower frames")
     return dataclasses.replace(scenario, files=scenario.check())
 
 

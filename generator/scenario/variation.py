@@ -40,6 +40,10 @@ LARGEST_NUMBER_OF_TRIES = 10_000
 SWEEP_KEY = "sweep"
 MOST_SWEPT_VALUES = 10_000
 """Each value is checked when the scenario is read; larger numbers are better drawn from a distribution."""
+LARGEST_INTEGER = 2**63 - 1
+"""Largest integer that a random generator draws."""
+LARGEST_NUMBER, LEAST_SIGMA = 1e100, 1e-100
+"""Limits of a distribution's numbers: differences and quotients of two are finite."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +129,7 @@ class Normal:
 
     def draw(self, rng: np.random.Generator, observer: Observer | None) -> float:
         """One number."""
-        low, high = ndtr((np.array([self.low, self.high]) - self.mean) / self.sigma)
+        low, high = ndtr((np.array([self.low, self.high], dtype=np.float64) - self.mean) / self.sigma)
         return float(np.clip(self.mean + self.sigma * ndtri(rng.uniform(low, high)), self.low, self.high))
 
 
@@ -281,15 +285,30 @@ def _only_keys(node: dict[str, Any], allowed: tuple[str, ...], where: str) -> No
         )
 
 
-def _pair(value: Any, where: str, kind: type | tuple[type, ...], what: str) -> tuple[Any, Any]:
+def _pair(
+    value: Any, where: str, kind: type | tuple[type, ...], what: str, *, endless: bool = False
+) -> tuple[Any, Any]:
     proper = isinstance(value, list) and len(value) == 2
     if not proper or any(not isinstance(item, kind) or isinstance(item, bool) for item in value):
         raise ScenarioError(f"{where}: found {describe(value)}, expected [{what}]")
+    for item in value:
+        if not (endless and isinstance(item, float) and np.isinf(item)):
+            _check_number(item, where)
     return value[0], value[1]
 
 
-def _ordered(value: Any, where: str, kind: type | tuple[type, ...] = (int, float)) -> tuple[Any, Any]:
-    low, high = _pair(value, where, kind, "low, high")
+def _check_number(item: Any, where: str) -> None:
+    if isinstance(item, int) and abs(item) > LARGEST_INTEGER:
+        raise ScenarioError(f"{where}: found {describe(item)}, expected an integer within 2^63 - 1")
+    if isinstance(item, float) and not abs(item) <= LARGEST_NUMBER:
+        raise ScenarioError(f"{where}: found {describe(item)}, expected a finite number within {LARGEST_NUMBER:g}")
+
+
+def _ordered(
+    value: Any, where: str, kind: type | tuple[type, ...] = (int, float), *, endless: bool = False
+) -> tuple[Any, Any]:
+    """Read two limits; `endless` also accepts infinite ones, which leave a side open."""
+    low, high = _pair(value, where, kind, "low, high", endless=endless)
     if not low < high:
         raise ScenarioError(f"{where}: found [{low}, {high}], expected the lower limit first")
     return low, high
@@ -297,10 +316,10 @@ def _ordered(value: Any, where: str, kind: type | tuple[type, ...] = (int, float
 
 def _normal(node: dict[str, Any], where: str) -> Normal:
     mean, sigma = _pair(node["normal"], where, (int, float), "mean, sigma")
-    if not sigma > 0:
-        raise ScenarioError(f"{where}: found sigma {sigma}, expected a positive one")
+    if not sigma >= LEAST_SIGMA:
+        raise ScenarioError(f"{where}: found sigma {sigma}, expected a positive one, at least {LEAST_SIGMA:g}")
     beside = f"{where.removesuffix('.normal')}.limits"
-    limits = _ordered(node["limits"], beside) if "limits" in node else (-np.inf, np.inf)
+    limits = _ordered(node["limits"], beside, endless=True) if "limits" in node else (-np.inf, np.inf)
     if limits[0] > mean + FARTHEST_LIMIT_SIGMA * sigma or limits[1] < mean - FARTHEST_LIMIT_SIGMA * sigma:
         raise ScenarioError(
             f"{beside}: found {list(limits)}, expected limits with a part of the Gaussian, {mean} +- {sigma}, between "
@@ -344,5 +363,8 @@ def describe(value: Any) -> str:
     """Describe a value for messages: its type and a short representation."""
     if isinstance(value, int) and abs(value) > 10**50:
         return "int of more than 50 digits"
-    text = "nothing" if value is None else f"{type(value).__name__} {value!r}"
+    try:
+        text = "nothing" if value is None else f"{type(value).__name__} {value!r}"
+    except ValueError:  # of an integer within it of more digits than Python prints
+        text = f"{type(value).__name__} with a number of more than 50 digits"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -163,6 +163,42 @@ def test_malformed_distributions_are_refused(where, value, message) -> None:
         parse_scenario(yaml.safe_dump(tree), "bad.yaml")
 
 
+@pytest.mark.parametrize(("where", "written"), [
+    ("time.exposure_s", "{normal: [.nan, 1]}"),
+    ("time.exposure_s", "{normal: [.inf, 1]}"),
+    ("time.exposure_s", "{normal: [1, .inf]}"),
+    ("time.exposure_s", "{normal: [1, 1" + 400 * "0" + "]}"),
+    ("time.exposure_s", "{normal: [1, 1.0e-310]}"),
+    ("time.exposure_s", "{uniform: [1, 1" + 400 * "0" + "]}"),
+    ("time.exposure_s", "{uniform: [0x1" + 5000 * "0" + ", 1]}"),
+    ("time.exposure_s", "{uniform: [[0x1" + 5000 * "0" + "], 1]}"),
+    ("camera.cx_px", "{uniform: [-1.7e+308, 1.7e+308]}"),
+    ("camera.cx_px", "{normal: [1, 1], limits: [.nan, 1]}"),
+    ("sensor.unit", "{integer: [0, 9223372036854775808]}"),
+])  # fmt: skip
+def test_distributions_of_numbers_that_nothing_draws_are_refused_with_their_key(where, written) -> None:
+    tree = copy.deepcopy(BASE)
+    section, key = where.split(".")
+    tree.setdefault(section, {})[key] = "HERE"
+    with pytest.raises(ScenarioError, match=rf"^bad\.yaml: {where}\."):
+        parse_scenario(yaml.safe_dump(tree).replace("HERE", written), "bad.yaml")
+
+
+def test_infinite_limits_leave_a_side_open() -> None:
+    scenario = small_scenario(frames=20, sky__airglow_factor={"normal": [1.0, 0.3], "limits": [1.0, float("inf")]})
+    assert min(scenario.frame(index).sky.airglow_factor for index in range(20)) >= 1.0
+
+
+def test_the_largest_integer_is_drawn() -> None:
+    assert small_scenario(sensor={"unit": {"integer": [0, 2**63 - 1]}}).frame(0).sensor.unit > 2**40
+
+
+def test_a_number_of_frames_that_python_does_not_print_is_refused() -> None:
+    text = yaml.safe_dump(BASE | {"sky": {"bortle": {"sweep": [1, 2]}}}) + "frames: " + "9" * 4300
+    with pytest.raises(ScenarioError, match=r"it makes more than 10\^50 frames, expected at most 10000000"):
+        parse_scenario(text, "many.yaml")
+
+
 def test_a_sweep_of_more_values_than_anybody_checks_is_refused() -> None:
     with pytest.raises(ScenarioError, match=r"sweep: found 10001 values, at most 10000 are swept"):
         find_variations({"sky": {"bortle": {"sweep": [3] * 10_001}}}, "s.yaml")
@@ -171,6 +207,7 @@ def test_a_sweep_of_more_values_than_anybody_checks_is_refused() -> None:
 def test_a_number_of_more_digits_than_can_be_printed_gets_its_message() -> None:
     assert describe(16**5000) == "int of more than 50 digits"
     assert describe(12) == "int 12"
+    assert describe([16**5000]) == "list with a number of more than 50 digits"
 
 
 @pytest.mark.parametrize("limits", [[2, 3], [-3, -2]])
