@@ -55,7 +55,12 @@ class StrictLoader(yaml.SafeLoader):
 
 
 class StrictDumper(yaml.SafeDumper):
-    """Writes safe YAML, with quotes around text that a StrictLoader takes for a number, too."""
+    """Writes safe YAML, with quotes around text that a StrictLoader takes for a number, too, and without aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write a part that stands in two places twice."""
+        del data
+        return True
 
 
 def strict_text(tree: Any, **options: Any) -> str:

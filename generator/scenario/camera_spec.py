@@ -32,6 +32,8 @@ from generator.scenario.strict import Fraction, Numbers, Strict, listed
 
 LEAST_DIRECT_SHARE = 0.4
 """Least fraction of the light that bloom, veiling glare and ghosts must leave in the image."""
+FOCAL_PX, FARTHEST_CENTRE_PX = (0.01, 1e9), 1e7
+"""Focal lengths, and distances of the principal point from the first pixel, that readers of frames accept."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
 
 
@@ -152,6 +154,7 @@ class CameraSpec(Strict):
             raise ValueError("give exactly one of hfov_deg, f_px, and focal_length_mm with pixel_pitch_um")
         if self.focal_length_mm is not None and self.pixel_pitch_um is None:
             raise ValueError("focal_length_mm needs pixel_pitch_um")
+        self._check_numbers()
         if self.psf is not None and self.psf.diffraction is not None and self.pixel_pitch_um is None:
             raise ValueError("psf.diffraction needs pixel_pitch_um")
         if self.direct_share < LEAST_DIRECT_SHARE:
@@ -176,6 +179,27 @@ class CameraSpec(Strict):
                     "image_circle_px below"
                 )
         return self
+
+    def _check_numbers(self) -> None:
+        """Refuse a focal length or a principal point that readers of frames refuse. Raises ValueError."""
+        keys = {"hfov_deg": self.hfov_deg, "f_px": self.focal_px, "focal_length_mm": self.focal_length_mm}
+        key = next(name for name, value in keys.items() if value is not None)
+        try:
+            f_px = self.f_px
+        except ZeroDivisionError:  # of a field that is rounded to nothing
+            f_px = math.inf
+        least, most = FOCAL_PX
+        if not (least <= f_px <= most and least <= f_px * self.pixel_aspect <= most):
+            with_pitch = " and pixel_pitch_um" if key == "focal_length_mm" else ""
+            raise ValueError(
+                f"{key}: with it{with_pitch} the focal length is {f_px:.3g} px along u and {f_px * self.pixel_aspect:.3g} px "
+                f"along v, expected {least:g} to {most:g} px"
+            )
+        for name, centre_px in (("cx_px", self.principal_u_px), ("cy_px", self.principal_v_px)):
+            if centre_px is not None and abs(centre_px) > FARTHEST_CENTRE_PX:
+                raise ValueError(
+                    f"{name}: found {centre_px:g}, expected a principal point within {FARTHEST_CENTRE_PX:g} px"
+                )
 
     @property
     def direct_share(self) -> float:

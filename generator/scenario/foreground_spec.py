@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
@@ -15,6 +16,10 @@ from generator.scenario.strict import File, Fraction, InputFile, Strict, listed
 
 Magnitude = Annotated[float, Field(ge=-20, le=12)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+NO_WAY_RAD = 1e-12
+"""Length of a path below which a light counts as standing still."""
+MOST_SATELLITES = 100_000
+"""Largest number of satellites of all shells: twice those of all constellations that are planned, in 2 GB of memory."""
 
 
 def _readable_mesh(file: InputFile) -> InputFile:
@@ -76,6 +81,15 @@ class DirectionSpec(Strict):
     azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
     altitude_deg: Annotated[float, Field(ge=-90, le=90)]
 
+    def opposite(self, other: DirectionSpec) -> bool:
+        """Whether another direction is opposite, so that every great circle through one leads to the other."""
+        both = [[math.radians(value) for value in (one.azimuth_deg, one.altitude_deg)] for one in (self, other)]
+        (x, y, z), (u, v, w) = (
+            (math.sin(azimuth) * math.cos(altitude), math.cos(azimuth) * math.cos(altitude), math.sin(altitude))
+            for azimuth, altitude in both
+        )
+        return math.hypot(x + u, y + v, z + w) < NO_WAY_RAD
+
 
 class StrobeSpec(Strict):
     """Flashes of an aircraft's anti-collision light; `v_mag` is the brightness within a flash."""
@@ -84,6 +98,13 @@ class StrobeSpec(Strict):
     flash_s: Annotated[float, Field(gt=0, le=10)] = 0.05
     first_s: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     """Start of a flash, from the start of the exposure, s."""
+
+
+def _check_way(start: DirectionSpec, end: DirectionSpec) -> None:
+    if start.opposite(end):
+        raise ValueError(
+            "end: is opposite to start, where no single great circle leads; give an end before it, and an earlier end_s"
+        )
 
 
 class TrailSpec(Strict):
@@ -107,6 +128,7 @@ class TrailSpec(Strict):
     def _sensible(self) -> TrailSpec:
         if self.end_s is not None and self.end_s <= self.start_s:
             raise ValueError("end_s must come after start_s")
+        _check_way(self.start, self.end)
         if self.strobe is not None and self.kind != "aircraft":
             raise ValueError("strobe: only an aircraft has one")
         return self
@@ -155,6 +177,7 @@ class TrainSpec(Strict):
     def _sensible(self) -> TrainSpec:
         if self.end_s <= self.start_s:
             raise ValueError("end_s must come after start_s")
+        _check_way(self.start, self.end)
         return self
 
 
@@ -208,6 +231,22 @@ class ForegroundSpec(Strict):
     # Excluded from the scenario's hash unless given, as if the key did not exist.
     glints: GlintsSpec | None = Field(default=None, exclude_if=lambda glints: glints is None)
     """False stars."""
+
+    @model_validator(mode="after")
+    def _countable_satellites(self) -> ForegroundSpec:
+        count = sum(shell.count for shell in self.shells)
+        if count > MOST_SATELLITES:
+            raise ValueError(f"shells: found {count} satellites, at most {MOST_SATELLITES}; lower planes or per_plane")
+        return self
+
+    def check_exposure(self, shutter_s: float) -> None:
+        """Refuse trails that would never shine in an exposure. Raises ValueError."""
+        for number, trail in enumerate(self.trails):
+            if trail.end_s is None and trail.start_s >= shutter_s:
+                raise ValueError(
+                    f"foreground.trails.{number}.start_s: {trail.start_s:g} s is not before the end of the exposure, "
+                    f"{shutter_s:g} s, at which the trail ends; give an earlier start_s, or end_s"
+                )
 
     @property
     def flying_count(self) -> int:

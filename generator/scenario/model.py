@@ -317,6 +317,12 @@ class FrameSpec(SceneSpec):
         return self
 
     @model_validator(mode="after")
+    def _lights_and_particles_fit_the_exposure(self) -> FrameSpec:
+        self.foreground.check_exposure(self.shutter_s)
+        self.sensor.check_exposure(self.time.exposure_s)
+        return self
+
+    @model_validator(mode="after")
     def _site_has_a_landscape(self) -> FrameSpec:
         if self.foreground.landscape is not None:
             check_place(self.foreground.landscape, self.site.latitude_deg, self.site.longitude_deg)

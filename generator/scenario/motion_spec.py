@@ -9,7 +9,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from generator.scenario.strict import File, Numbers, Strict, listed
 
 AXES = ("x", "y", "z")
-Rate = Annotated[float, Field(ge=-720, le=720)]
+LARGEST_RATE_DEG_S = 720.0
+Rate = Annotated[float, Field(ge=-LARGEST_RATE_DEG_S, le=LARGEST_RATE_DEG_S)]
 Triple = Annotated[tuple[Rate, Rate, Rate], BeforeValidator(listed)]
 Spectrum = Annotated[
     tuple[tuple[Annotated[float, Field(gt=0, le=1e4)], Annotated[float, Field(ge=0, le=1e3)]], ...],

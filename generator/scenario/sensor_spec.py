@@ -17,6 +17,9 @@ COLOURS = ("blue", "green", "red")
 MOST_DARK_E_S = 1e12
 """Largest dark current: it fills any pixel in a microsecond, and the longest exposure's electrons are a finite number."""
 
+MOST_TRACK_PX = 1e7
+"""Largest mean length of all tracks of cosmic rays in an exposure: 3 GB of memory."""
+
 
 class ColourSpec(Strict):
     """A Bayer filter array."""
@@ -195,6 +198,15 @@ class SensorSpec(Strict):
         if self.video is not None and self.video.white_balance is not None and self.colour is None:
             raise ValueError("video.white_balance is of colour sensors; give colour, or leave it out")
         return self
+
+    def check_exposure(self, exposure_s: float) -> None:
+        """Refuse more cosmic rays in an exposure than memory holds. Raises ValueError."""
+        rays = self.cosmic_rays
+        if rays is not None and rays.rate_s * exposure_s * max(rays.length_px, 1.0) > MOST_TRACK_PX:
+            raise ValueError(
+                f"sensor.cosmic_rays.rate_s: {rays.rate_s:g} tracks per second of {rays.length_px:g} px over "
+                f"{exposure_s:g} s are more than {MOST_TRACK_PX:g} px; lower rate_s, length_px or the exposure"
+            )
 
     def exposures(self, exposure_s: float) -> int:
         """Number of exposures that make up an image: the frames of its video, or 1."""

@@ -24,6 +24,10 @@ WIDEST_PX = 10.0
 """Upper limit of the angle across a pixel anywhere relative to that on the axis."""
 
 
+DEG_PER_HOUR = 15.0
+"""The Sun's mean motion in hour angle."""
+
+
 @functools.lru_cache(maxsize=2)
 def sun_minutes(burn: SunburnSpec, camera: CameraSpec) -> NDArray[np.float32]:
     """Minutes that each pixel was in the Sun's image, (height, width) array, read-only.
@@ -72,7 +76,11 @@ def _sun_by_day(burn: SunburnSpec) -> Floats:
             x, y, z = sun_terrestrial(burn.first_midnight.plus(3600 * (24 * day + hour)))
             places.append((np.degrees(np.arcsin(z)), burn.longitude_deg - np.degrees(np.arctan2(y, x))))
         (first, first_angle), (last, last_angle) = places
-        rows.append((first, last, first_angle, first_angle + (last_angle - first_angle) % 360))
+        swept = (last_angle - first_angle) % 360
+        # On days longer than 24 h by the Sun, 24 h sweep less than a turn, and on shorter ones a turn and a little more.
+        if swept < DEG_PER_HOUR / 2 * (burn.hours_utc[-1][0] - burn.hours_utc[0][0]):
+            swept += 360
+        rows.append((first, last, first_angle, first_angle + swept))
     return np.array(rows)
 
 

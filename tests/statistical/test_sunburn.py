@@ -52,6 +52,15 @@ def test_all_minutes_are_those_of_the_hours() -> None:
     assert (minutes * solid).sum() == pytest.approx(3 * 300 * disk, rel=0.01)
 
 
+def test_the_sun_of_a_whole_day_takes_as_long_as_that_of_a_little_less() -> None:
+    """Days by the Sun are up to 30 s shorter or longer than 24 h, so that it sweeps a little more or less than a turn."""
+    year = {"first_day": "2020-01-01", "last_day": "2020-12-31"}
+    whole, _ = minutes_of(hours_utc=[[0, 1], [24, 1]], **year)
+    less, _ = minutes_of(hours_utc=[[0, 1], [23.99, 1]], **year)
+    assert whole.sum() == pytest.approx(less.sum(), rel=0.01)
+    assert whole.max() == pytest.approx(less.max(), rel=0.02)
+
+
 def test_the_days_of_a_week_lie_apart_and_those_of_the_solstice_together() -> None:
     """In March declination rises by 0.39 deg a day (0.8 px), at the solstice by none: pixels crossed in seven days."""
     spring, _ = minutes_of(first_day="2017-03-17", last_day="2017-03-23")

@@ -1,5 +1,6 @@
 """Scenarios: what is accepted, what is refused and how, sweeps, hashes, attitudes."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,86 @@ def test_refusal_names_file_key_found_and_allowed(case) -> None:
         assert fragment in message
 
 
+LEVEL = {"start": {"azimuth_deg": 10, "altitude_deg": 0}, "end": {"azimuth_deg": 190, "altitude_deg": 0}}
+TRAIL = {"kind": "satellite", "v_mag": 1} | LEVEL
+RISING = TRAIL | {"end": {"azimuth_deg": 190, "altitude_deg": 0.001}}
+SHELL = {"planes": 200, "per_plane": 200}
+IMPOSSIBLE = {
+    "opposite ends of a trail": (
+        {"foreground": {"trails": [TRAIL]}}, "foreground.trails.0: end: is opposite to start, .* earlier end_s"
+    ),
+    "opposite ends of a train": (
+        {"foreground": {"trains": [{"end_s": 60, "v_mag": 1} | LEVEL]}}, "foreground.trains.0: end: is opposite to start",
+    ),
+    "trail after the exposure": (
+        {"foreground": {"trails": [RISING | {"start_s": 0.5}]}},
+        "foreground.trails.0.start_s: 0.5 s is not before the end of the exposure, 0.5 s, .*; give an earlier",
+    ),
+    "one exposure too short for a trail": (
+        {"foreground": {"trails": [RISING | {"start_s": 1}]}, "time__exposure_s": {"sweep": [2, 1]}},
+        "foreground.trails.0.start_s",
+    ),
+    "trail after the exposures of a sequence": (
+        {"foreground": {"trails": [RISING | {"start_s": 1}]}, "time__every_s": 1, "time__count": 2},
+        "foreground.trails.0.start_s",
+    ),
+    "satellites beyond memory": (
+        {"foreground": {"shells": [SHELL] * 3}}, "foreground: shells: found 120000 satellites, at most 100000; lower",
+    ),
+    "cosmic rays beyond memory": (
+        {"sensor": {"cosmic_rays": {"rate_s": 1e6}}, "time__exposure_s": 3600},
+        "sensor.cosmic_rays.rate_s: 1e.06 tracks per second of 4 px over 3600 s are more than 1e.07 px; lower",
+    ),
+    "cosmic rays of a sequence": (
+        {"sensor": {"cosmic_rays": {"rate_s": 1e6, "length_px": 1000}}, "time__every_s": 1, "time__count": 2},
+        "sensor.cosmic_rays.rate_s",
+    ),
+    "readings beyond a record": (
+        {"motion": {"imu": {}}, "time__exposure_s": 600},
+        "motion.imu.rate_hz: 200 Hz over 600 s are 1.2e.05 readings, and a frame record holds 50000; lower",
+    ),
+    "polynomial beyond numbers": (
+        {"motion": {"polynomial_deg": [[], [], [1, 1e308]]}, "time__exposure_s": 100},
+        r"motion.polynomial_deg.2.1: 1e\+308 deg/s\^2 turns the camera by more than 1.296e\+06 deg in 50 s",
+    ),
+    "field beyond numbers": ({"camera__hfov_deg": 1e-300}, "camera: hfov_deg: with it the focal length is .* 0.01 to 1e.09"),
+    "field that is nothing": ({"camera__hfov_deg": 5e-324}, "camera: hfov_deg: with it the focal length is inf px"),
+    "pitch beyond numbers": (
+        {"camera__hfov_deg": None, "camera__focal_length_mm": 4, "camera__pixel_pitch_um": 1e-320},
+        "camera: focal_length_mm: with it and pixel_pitch_um the focal length is inf px",
+    ),
+    "flat field": ({"camera__hfov_deg": 179.9999}, "camera: hfov_deg: with it the focal length is 0.000118 px"),
+    "centre beyond numbers": ({"camera__cx_px": 1e308}, r"camera: cx_px: found 1e\+308, .* within 1e.07 px"),
+    "centre above all numbers": ({"camera__cy_px": -1.1e7}, "camera: cy_px: found -1.1e"),
+}  # fmt: skip
+
+
+def separate(tree):
+    """A copy without shared parts, for which YAML has aliases."""
+    return json.loads(json.dumps(tree))
+
+
+@pytest.mark.parametrize("case", sorted(IMPOSSIBLE))
+def test_values_that_together_are_impossible_are_refused_with_key_and_remedy(case) -> None:
+    changes, words = IMPOSSIBLE[case]
+    with pytest.raises(ScenarioError, match=f"^test.yaml: {words}"):
+        small_scenario(**separate(changes))
+
+
+@pytest.mark.parametrize("changes", [
+    {"foreground": {"trails": [RISING], "trains": [LEVEL | {"end": RISING["end"], "end_s": 60, "v_mag": 1}]}},
+    {"foreground": {"trails": [TRAIL | {"end": TRAIL["start"]}]}},
+    {"foreground": {"trails": [RISING | {"start_s": 1, "end_s": 2}]}},
+    {"foreground": {"shells": [SHELL] * 2}},
+    {"sensor": {"cosmic_rays": {"rate_s": 100}}, "time__exposure_s": 3600},
+    {"motion": {"imu": {}}, "time__exposure_s": 250},
+    {"motion": {"polynomial_deg": [[720], [], [0, -30]]}, "time__exposure_s": 30},
+    {"camera__hfov_deg": 1e-4, "camera__cx_px": -1e7},
+])  # fmt: skip
+def test_values_at_the_limits_are_accepted(changes) -> None:
+    assert small_scenario(**separate(changes)).frame(0)
+
+
 @pytest.mark.parametrize(("written", "number"), [
     ("1e-1", 0.1), ("1e0", 1.0), ("1E0", 1.0), ("2.5e-1", 0.25), ("+1e0", 1.0), ("+.5", 0.5), ("1.e-1", 0.1), (".5e0", 0.5),
     ("0.5", 0.5), ("00.5", 0.5), ("1", 1.0),
@@ -133,7 +214,8 @@ def test_what_only_looks_like_a_number_arrives_as_text(written) -> None:
 
 @given(st.one_of(st.text("0123456789-+._:eEx", max_size=8), st.sampled_from(["1e-00042", "089", "1e3", "+.5"])))
 def test_text_that_looks_like_a_number_is_written_so_that_it_stays_text(text) -> None:
-    tree = {"name": text, "value": 1e-5, "count": 12}
+    shared = [1e-5, text]
+    tree = {"name": text, "value": shared, "count": 12, "again": shared}
     assert yaml.load(strict_text(tree), Loader=StrictLoader) == tree
 
 

@@ -197,6 +197,7 @@ def short(place: int, **changes) -> list[dict]:
         ({"time": TIME | {"count": 400}}, "path: covers t_s 0 to 9, but the sequence lasts from 0 to 998"),
         ({"path": {"waypoints": short(0, t_s=1)}}, "path: covers t_s 1 to 9"),
         ({"path": {"waypoints": short(1, t_s=9)}}, "t_s must increase"),
+        ({"path": {"waypoints": short(1, t_s=1e-300)}}, "t_s must increase, by at least 1e-06 s"),
         ({"path": {"waypoints": short(1, roll_deg=None)}}, "waypoints.1.roll_deg: missing"),
         ({"path": {"waypoints": short(1, latitude_deg=91)}}, "path.waypoints.1.latitude_deg: found int 91"),
         ({"path": {"waypoints": [{"t_s": 0}, {"t_s": 9}]}}, "give latitude_deg"),
@@ -232,6 +233,15 @@ def test_refusals_name_the_key(overrides, message) -> None:
         ("t_s,qx,qy,qz,qw\n0,0,0,0,1\nnan,0,0,0,1\n", "line 3, column t_s: found 'nan'"),
         ("t_s,qx,qy,qz,qw\n0,0,0,0,1\n9,0,0,0,2\n", "found a length of 2 at t_s 9"),
         ("t_s,latitude_deg,longitude_deg,height_m\n0,52,4,0\n9,95,4,0\n", "column latitude_deg: found 95 at t_s 9"),
+        ("t_s,latitude_deg,longitude_deg,height_m\n-1e300,52,4,0\n1e300,53,4,0\n", "column t_s: found -1e.300 at t_s"),
+        (
+            "t_s,qx,qy,qz,qw\n0,0,0,0,1\n1e-300,0,0,1,0\n100,0,1,0,0\n",
+            "column t_s: found 1e-300 s between rows 1 and 2",
+        ),
+        (
+            "utc,qx,qy,qz,qw\n2020-01-15T20:00:00Z,0,0,0,1\n2020-01-15T20:00:00.0000001Z,0,0,1,0\n",
+            "column utc: found .* s between rows 1 and 2, expected at least 1e-06 s; leave one",
+        ),
         ("t_s,latitude_deg,longitude_deg,height_m\n9,52,4,0\n0,52,4,0\n", "expected values that increase"),
         ("t_s,latitude_deg,longitude_deg,height_m\n0,52,4,x\n9,52,4,0\n", "expected a finite number"),
     ],

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from generator.errors import ScenarioError
 from generator.frame.flying.objects import FEWEST_PARTS, KEYFRAMES, FlyingObjects, steady
-from generator.scenario.foreground_spec import DirectionSpec, StrobeSpec, TrailSpec, TrainSpec
+from generator.scenario.foreground_spec import NO_WAY_RAD, DirectionSpec, StrobeSpec, TrailSpec, TrainSpec
 
 Floats = NDArray[np.float64]
 
 PARTS_PER_FLASH = 8
 MOST_PARTS = 1 << 17
 """Largest number of parts of a light curve: enough for flashes of 0.05 s over 13 minutes. Limits time and memory."""
-NO_WAY_RAD = 1e-12
-"""Length of a path below which a light counts as standing still."""
 NO_TURN = 1e-9
 """Fraction of a strobe's period below which a time counts as the start of a flash, to allow for rounded times."""
 TURN_RAD = 2 * math.pi

@@ -13,7 +13,7 @@ from generator.csv_table import CsvError, read_csv
 from generator.places.times import Instant
 from generator.places.trajectory import Knots
 from generator.scenario.model import Pointing, SiteSpec, pointing_matrix
-from generator.scenario.sequences.path_spec import ATTITUDE, HIGHEST_LATITUDE_DEG, POSITION, PathSpec
+from generator.scenario.sequences.path_spec import ATTITUDE, HIGHEST_LATITUDE_DEG, LEAST_STEP_S, POSITION, PathSpec
 from generator.scenario.strict import InputFile
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,9 @@ LAYOUTS = tuple(
 """Columns that a path file may have."""
 LARGEST_PATH_ROWS = 200_000
 """Enough for half an hour at 100 Hz, for which a spline takes three seconds to compute."""
+LONGEST_TIME_S = 366 * 86400.0
 RANGES = {
+    TIME: (-LONGEST_TIME_S, LONGEST_TIME_S),
     "latitude_deg": (-HIGHEST_LATITUDE_DEG, HIGHEST_LATITUDE_DEG), "longitude_deg": (-180, 360), "height_m": (-500, 20000),
     "azimuth_deg": (-360, 360), "altitude_deg": (-90, 90), "roll_deg": (-360, 360),
 }  # fmt: skip
@@ -88,6 +90,13 @@ def read_path(file: InputFile) -> tuple[Instant | None, Columns]:
             "without the position or without the attitude where the scenario gives it"
         )
     columns = dict(zip((TIME, *table.columns[1:]), table.values.T, strict=True))
+    step_s = np.diff(columns[TIME])
+    if step_s.min() < LEAST_STEP_S:
+        row = int(np.argmin(step_s))
+        raise PathError(
+            f"path.file: '{file.path}', column {table.columns[0]}: found {step_s[row]:g} s between rows {row + 1} and "
+            f"{row + 2}, expected at least {LEAST_STEP_S:g} s; leave one of them out"
+        )
     for name, (low, high) in RANGES.items():
         if name in columns and not ((columns[name] >= low) & (columns[name] <= high)).all():
             row = int(np.flatnonzero((columns[name] < low) | (columns[name] > high))[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -10,6 +11,8 @@ from generator.scenario.strict import File, Strict, listed
 
 HIGHEST_LATITUDE_DEG = 89.9
 """Highest latitude of a path: nearer to a pole, azimuths turn faster than any spline can follow."""
+LEAST_STEP_S = 1e-6
+"""Least time between two rows of a path: that to which times of frames are rounded, and which a spline can divide by."""
 POSITION = ("latitude_deg", "longitude_deg", "height_m")
 ATTITUDE = ("azimuth_deg", "altitude_deg", "roll_deg")
 
@@ -65,8 +68,8 @@ class PathSpec(Strict):
     @staticmethod
     def _check_waypoints(waypoints: tuple[WaypointSpec, ...]) -> None:
         times = [waypoint.t_s for waypoint in waypoints]
-        if sorted(set(times)) != times:
-            raise ValueError("waypoints: t_s must increase")
+        if any(after - before < LEAST_STEP_S for before, after in itertools.pairwise(times)):
+            raise ValueError(f"waypoints: t_s must increase, by at least {LEAST_STEP_S:g} s")
         given = 0
         for group in (POSITION, ATTITUDE):
             found = {key for key in group for waypoint in waypoints if getattr(waypoint, key) is not None}

@@ -55,6 +55,8 @@ class SequenceSpec(SceneSpec):
         if self.time.exposure_s > self.time.every_s:
             raise ValueError(f"time.every_s: {self.time.every_s:g} s is shorter than the exposure")
         check_motion(self.motion, self.shutter_s)
+        self.foreground.check_exposure(self.shutter_s)
+        self.sensor.check_exposure(self.time.exposure_s)
         columns = {} if self.path is None else path_columns(self.path, self.time.utc_start)
         self._check_sources(POSITION[0] in columns, bool(set(columns) - {TIME, *POSITION}))
         if columns:
@@ -83,7 +85,10 @@ class SequenceSpec(SceneSpec):
             raise ValueError(
                 f"path: covers t_s {knots_s[0]:g} to {knots_s[-1]:g}, but the sequence lasts from 0 to {self.length_s:g}"
             )
-        height = trajectory_of(self).position(np.linspace(0, self.length_s, MOMENTS_CHECKED))[2]
+        position = trajectory_of(self).position(np.linspace(0, self.length_s, MOMENTS_CHECKED))
+        if not np.isfinite(position).all():
+            raise ValueError("path: is no line over the ground; correct its positions and times")
+        height = position[2]
         ground_m = None if self.path is None else self.path.ground_height_m
         if ground_m is not None and height.min() < ground_m:
             raise ValueError(
