@@ -104,15 +104,3 @@ class LensForm:
         f_px = values[0]
         wide = {"f_px": 1e-5 * f_px, "fy_px": 1e-5 * f_px, "cx_px": 1e-2, "cy_px": 1e-2}
         return np.array([wide.get(name, 1e-5) for name in self.names])
-
-
-def form_of(camera: Camera) -> LensForm:
-    """Return the form that has every nonzero parameter of a camera."""
-    return LensForm(
-        camera.model,
-        max((i + 1 for i, value in enumerate(camera.k) if value), default=0),
-        bool(abs(camera.fy_px / camera.f_px - 1) > 1e-9),
-        any(camera.p),
-        any(camera.s),
-        any(camera.tilt_rad),
-    )

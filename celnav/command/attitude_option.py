@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from celnav.attitude import Attitude
+from celnav.command.checks.remedies import ATTITUDE_KEYS
 from celnav.command.pointing import Pointing
 from celnav.errors import AttitudeError
 from celnav.sky.utc import parse_utc
@@ -12,9 +13,8 @@ from celnav.sky.utc import parse_utc
 # The accelerometers in eight published photographs have an rms error of 10 thousandths of g along each axis.
 GRAVITY_SIGMA_DEG = 0.6
 _GRAVITY = re.compile(r"\s*exif\s*(?:,\s*tilt_sigma\s*=\s*(?P<sigma>[^,]+))?")
-_KEYS = ("azimuth", "altitude", "roll", "tilt_sigma", "heading_sigma")
 _NAMED_WITH_MORE = re.compile(r"\s*zenith(-north-up)?\s*,")
-_ANGLES = re.compile(r"\s*(" + "|".join(_KEYS) + r")\s*=")
+_ANGLES = re.compile(r"\s*(" + "|".join(ATTITUDE_KEYS) + r")\s*=")
 
 
 def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: str | None = None) -> Attitude | None:
@@ -101,8 +101,10 @@ def _angles(text: str) -> dict[str, float]:
     angles: dict[str, float] = {}
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
-        if name not in _KEYS or name in angles:
-            raise AttitudeError(f"--attitude {text}: {name!r} must be one of {', '.join(_KEYS)}, each at most once")
+        if name not in ATTITUDE_KEYS or name in angles:
+            raise AttitudeError(
+                f"--attitude {text}: {name!r} must be one of {', '.join(ATTITUDE_KEYS)}, each at most once"
+            )
         angles[name] = _degrees(text, name, value)
     return angles
 

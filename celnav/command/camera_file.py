@@ -160,35 +160,10 @@ def _json_or_yaml(text: str, is_json: bool) -> object:
         except ValueError:
             if is_json:
                 raise
-    return _yaml(text)
+    # Only camera files in YAML need its parser, whose import takes time.
+    from celnav.reading.camera_yaml import parse_yaml
 
-
-def _yaml(text: str) -> object:
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        """Safe loader with the one tag that OpenCV writes, and without aliases, which can expand 400 bytes to gigabytes."""
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.AliasEvent):
-                event = self.peek_event()  # type: ignore[no-untyped-call]
-                problem = f"the alias *{event.anchor} is not read: write its value in its place"
-                raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
-            return super().compose_node(parent, index)
-
-    def matrix(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-        return loader.construct_mapping(node, deep=True)
-
-    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", matrix)
-    # OpenCV writes "%YAML:1.0", which is not a YAML directive.
-    if text.startswith("%YAML:"):
-        text = text.partition("\n")[2]
-    try:
-        return yaml.load(text, Loader=Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error)
-        raise ValueError(f"{problem}" + (f" in line {mark.line + 1}" if mark else "")) from None
+    return parse_yaml(text)
 
 
 def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:

@@ -74,11 +74,12 @@ def exposure_time(tags: PhotoTags, utc: str | None, time_zone: str | None, stamp
         if tags.whole_seconds:
             assumed[-1] += "; to whole seconds"
     exposure = timedelta(seconds=tags.exposure_s or 0.0)
-    middle = begun + {"start": 0.5, "middle": 0.0, "end": -0.5}[stamp] * exposure
+    # In UTC, because the sum of a local time and a duration ignores a change to or from summer time between them.
+    middle = begun.astimezone(UTC) + {"start": 0.5, "middle": 0.0, "end": -0.5}[stamp] * exposure
     if stamp != "middle":
         length = f"{tags.exposure_s:g} s" if tags.exposure_s else "an exposure of no stated length, taken as none"
         assumed.append(f"that time marks the {stamp} of {length}")
-    written = middle.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".")
+    written = middle.strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".")
     return ExposureTime(f"{written}Z", tuple(assumed))
 
 

@@ -13,7 +13,7 @@ import io
 import math
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,8 @@ from celnav.sky.fits_times import ExposureInHeader, exposure_in
 MAX_PIXELS = 100_000_000
 MAX_BYTES = 500_000_000
 _CHUNK = 1 << 20
-_STARTS = (b"SIMPLE", b"BZh", b"\x1f\x8b")
+_BZIP2, _GZIP = b"BZh", b"\x1f\x8b"
+_STARTS = (b"SIMPLE", _BZIP2, _GZIP)
 _MOST_WORDS = 2000
 _MOST_UNITS = 64
 # A camera of 100 million pixels has some ten thousand rows in three colours, each of which may be a tile.
@@ -154,10 +155,9 @@ def unpacked_bytes(path: str | Path) -> bytes:
         with path.open("rb") as file:
             start = file.read(3)
             file.seek(0)
-            if start == b"BZh":
-                return _unpacked(file, bz2.BZ2Decompressor(), path)
-            if start[:2] == b"\x1f\x8b":
-                return _unpacked(file, _Gzip(), path)
+            for mark, unpacker in ((_BZIP2, bz2.BZ2Decompressor), (_GZIP, _Gzip)):
+                if start.startswith(mark):
+                    return _unpacked(file, mark, unpacker, path)
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ImageError(f"image {path} cannot be read: {error.strerror or error}") from None
@@ -181,13 +181,26 @@ class _Gzip:
     def needs_input(self) -> bool:
         return not self._inner.unconsumed_tail
 
+    @property
+    def unused_data(self) -> bytes:
+        return self._inner.unused_data
 
-def _unpacked(file: io.BufferedReader, unpacker: Any, path: Path) -> bytes:
+
+def _unpacked(file: io.BufferedReader, mark: bytes, new_unpacker: Callable[[], Any], path: Path) -> bytes:
+    """Unpack all streams of a file, of which programs with several threads write one after another."""
     parts, total = [], 0
+    unpacker, further = new_unpacker(), b""
     try:
-        while not unpacker.eof:
-            piece = file.read(_CHUNK) if unpacker.needs_input else b""
+        while True:
+            if unpacker.eof:
+                further = unpacker.unused_data
+                while len(further) < len(mark) and (more := file.read(_CHUNK)):
+                    further += more
+                if not further.startswith(mark):
+                    break
+                unpacker = new_unpacker()
             asked = unpacker.needs_input
+            piece, further = (further or file.read(_CHUNK), b"") if asked else (b"", further)
             parts.append(unpacker.decompress(piece, _CHUNK))
             if asked and not piece and not parts[-1]:
                 raise ImageError(f"image {path} is cut short")

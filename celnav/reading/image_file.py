@@ -89,7 +89,7 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
                     raise ImageError(f"image {path} has the pixel format {image.mode}; save it as grey or RGB PNG")
                 if (layout := _deep_colours(image, path)) is not None:
                     return _read_deep(path, layout)
-                if image.format == "JPEG":
+                if image.format in ("JPEG", "MPO"):  # Pillow's name of a JPEG that announces further pictures
                     _refuse_scans(path)
                 image.load()
                 converted = image.convert("RGB") if image.mode in ("RGBA", "P", "LA") else image

@@ -126,6 +126,8 @@ def _moment(part: Header, date_key: str, mjd_key: str) -> datetime | None:
             (clock for key in _TIMES_OF_DAY if isinstance(clock := part.get(key), str) and ":" in clock), None
         )
         if of_day is None:
+            if (moment := _of_mjd(part, mjd_key)) is not None and f"{moment:%Y%m%d}" == day.replace("-", ""):
+                return moment
             raise _UnusableError(f"its {date_key} is {_shown(text)}, which is without a time of day")
         day = f"{day}T{of_day.strip()}"
     try:

@@ -135,7 +135,12 @@ ALIASES = (
         ("a: [1", "line"),
         ("- 1", "must hold an object"),
         ("a: 1", "holds no camera"),
-        ("!!python/object/apply:os.system ['true']", "could not determine a constructor"),
+        ("!!python/object/apply:os.system ['true']", r"the tag !!python/object/apply:os\.system is not read"),
+        ("a: !!bool x", "the tag !!bool is not read: leave only the value in line 1"),
+        ("a: !!timestamp x", "the tag !!timestamp is not read"),
+        ("a: !!int ''", "the tag !!int is not read"),
+        ("image_width: 01000", r"found 01000, which YAML may read as octal: write 1000 in line 1"),
+        ("K: [1.0,\n -017]", "found -017, which YAML may read as octal: write -17 in line 2"),
         ("[" * 5000, "neither JSON nor YAML"),
         ('{"model": "pinhole", "width": 64, "height": 48, "hfov_deg": 60, "f_px": 60}', "not both"),
         ('{"model": "pinhole", "width": 64, "height": 48, "hfov_deg": 190}', "hfov_deg"),
@@ -172,6 +177,15 @@ def test_faulty_files_are_refused_in_one_line(tmp_path, text, message) -> None:
         read_camera_file(path)
     assert "\n" not in str(refusal.value)
     assert str(path) in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "number", ["500", "500.", "5e2", "5E+2", "+500.0", "0.5e3", "5.0000000000000000e+02", "05.0e2"]
+)
+def test_numbers_are_read_as_they_seem(tmp_path, number) -> None:
+    path = tmp_path / "c.yml"
+    path.write_text(f"{{image_width: 64, image_height: 48, K: [{number}, 0, 32, 0, {number}, 24., 0, 0, 1]}}")
+    assert read_camera_file(path).camera.f_px == 500.0
 
 
 def test_a_file_that_is_no_text_or_too_large_is_refused(tmp_path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 from datetime import UTC, datetime
 
 import numpy as np
@@ -13,6 +15,7 @@ from celnav.__main__ import main
 from celnav.command.exif import read_tags
 from celnav.command.exposure_time import exposure_time
 from celnav.errors import ImageError, TimeError
+from celnav.reading import fits_file
 from celnav.reading.fits_file import read_fits
 from celnav.reading.image_file import read_mask, without_blanks
 from celnav.sky.fits_times import exposure_in
@@ -165,3 +168,33 @@ def test_a_mask_of_another_size_or_of_everything_is_refused(tmp_path):
     assert not read_mask(path, PIXELS.shape).any()
     with pytest.raises(ImageError, match="30 x 20 px, the image 30 x 21"):
         read_mask(path, (21, 30))
+
+
+@pytest.mark.parametrize("compress", [bz2.compress, gzip.compress])
+@pytest.mark.parametrize("rest", [b"", b"\0\0 what follows the last stream"])
+def test_a_file_in_several_streams_is_read_whole(tmp_path, compress, rest):
+    """As pbzip2, bgzip and pigz -i write it; streams may be empty."""
+    plain = tmp_path / "a.fits"
+    fits.PrimaryHDU(PIXELS).writeto(plain)
+    data = plain.read_bytes()
+    parts = [data[:1000], b"", data[1000:1001], data[1001:]]
+    packed = tmp_path / "b.fits"
+    packed.write_bytes(b"".join(map(compress, parts)) + rest)
+    np.testing.assert_array_equal(read_fits(packed).pixels, read_fits(plain).pixels)
+    packed.write_bytes(b"".join(map(compress, parts))[:-6])
+    with pytest.raises(ImageError, match=r"cut short|damaged"):
+        read_fits(packed)
+
+
+def test_a_bomb_in_many_streams_is_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(fits_file, "MAX_BYTES", 5_000_000)
+    (tmp_path / "a.fits").write_bytes(30 * bz2.compress(bytes(1_000_000)))
+    with pytest.raises(ImageError, match="is larger than 5 MB unpacked"):
+        read_fits(tmp_path / "a.fits")
+
+
+def test_a_day_takes_its_time_from_the_julian_date_of_the_same_day():
+    day = {"DATE-OBS": "2018-09-14", "EXPTIME": 10.0}
+    found = exposure_in(day | {"MJD-OBS": 58375.4954}, {}, "a.fits")
+    assert (found.lacks, f"{found.begun:%Y-%m-%dT%H:%M}") == ("", "2018-09-14T11:53")
+    assert "without a time of day" in exposure_in(day | {"MJD-OBS": 58376.4954}, {}, "a.fits").lacks

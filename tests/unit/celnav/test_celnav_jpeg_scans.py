@@ -31,3 +31,18 @@ def test_a_picture_of_hundreds_of_scans_is_refused(tmp_path, monkeypatch) -> Non
     monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("the picture was decoded"))
     with pytest.raises(ImageError, match=r"a\.jpg has more than 100 scans: save it anew"):
         read_image(tmp_path / "a.jpg")
+
+
+def test_a_file_of_several_pictures_is_no_way_around_the_limit(tmp_path, monkeypatch) -> None:
+    made = io.BytesIO()
+    grey = Image.fromarray(np.random.default_rng(1).integers(0, 255, (64, 80), dtype=np.uint8))
+    grey.save(made, "MPO", save_all=True, append_images=[grey], progressive=True)
+    data = made.getvalue()
+    end = data.index(b"\xff\xd9\xff\xd8")
+    last = data.rindex(b"\xff\xda", 0, end)
+    (tmp_path / "a.jpg").write_bytes(data[:end] + data[last:end] * 200 + data[end:])
+    with Image.open(tmp_path / "a.jpg") as image:
+        assert image.format == "MPO"
+    monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("the picture was decoded"))
+    with pytest.raises(ImageError, match=r"a\.jpg has more than 100 scans: save it anew"):
+        read_image(tmp_path / "a.jpg")

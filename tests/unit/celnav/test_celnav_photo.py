@@ -208,3 +208,18 @@ def test_only_the_accelerometers_vertical_is_said_to_be_one() -> None:
     attitude = Attitude.up([0.0, 0.0, 1.0], 0.6)
     assert "accelerometer" in _of_attitude("exif, tilt_sigma=0.6", attitude, TAGS)[0]
     assert _of_attitude("exif_mount.json", attitude, TAGS) == []
+
+
+@pytest.mark.parametrize(
+    ("taken", "exposure_s", "stamp", "expected"),
+    [
+        (datetime(2023, 10, 29, 3, 0, 10), 60.0, "end", "2023-10-29T01:59:40Z"),
+        (datetime(2023, 3, 26, 3, 0, 10), 60.0, "end", "2023-03-26T00:59:40Z"),
+        (datetime(2023, 3, 26, 1, 30), 14400.0, "start", "2023-03-26T02:30:00Z"),
+        (datetime(2023, 10, 29, 1, 30), 14400.0, "start", "2023-10-29T01:30:00Z"),
+    ],
+)
+def test_exposures_across_a_change_of_summer_time(taken, exposure_s, stamp, expected) -> None:
+    """In Berlin summer time begins and ends at 01:00 UTC: a photograph was an hour, and so 15 degrees of longitude, off."""
+    tags = replace(TAGS, taken=taken, exposure_s=exposure_s, offset=None)
+    assert exposure_time(tags, None, "Europe/Berlin", stamp).utc == expected
