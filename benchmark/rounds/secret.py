@@ -12,6 +12,8 @@ import hmac
 import os
 import re
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,11 +65,42 @@ def new_secret(path: Path) -> bytes:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError as error:
+        raise RoundError(
+            f"{path}: the file exists, and a secret draws the same frames again under the same rules; choose a new file, "
+            "or delete it if no commitment was made with it"
+        ) from error
     except OSError as error:
         raise RoundError(f"{path}: the secret cannot be written ({error.strerror}); choose a new file") from error
     with os.fdopen(handle, "w", encoding="ascii") as stream:
         stream.write(secret.hex() + "\n")
     return secret
+
+
+@contextmanager
+def secret_for(commitment: Path, path: Path) -> Iterator[bytes]:
+    """A new secret, for a commitment that is made meanwhile; without one the secret's file does not stay.
+
+    Parameters
+    ----------
+    commitment : Path
+        File of the commitment, which does not exist yet.
+    path : Path
+        File of the secret, which does not exist yet.
+
+    Raises
+    ------
+    RoundError
+        As for `new_secret`.
+    """
+    secret, had_one = new_secret(path), commitment.exists()
+    try:
+        yield secret
+    except BaseException:
+        # A commitment that was written before an interruption needs its secret.
+        if had_one or not commitment.exists():
+            path.unlink(missing_ok=True)
+        raise
 
 
 def read_secret(path: Path) -> bytes:

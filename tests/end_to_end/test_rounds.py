@@ -39,7 +39,6 @@ def place(tmp_path_factory) -> Path:
     """A round that was committed to, packed, scored and opened."""
     place = tmp_path_factory.mktemp("round")
     (place / "small.rules.yaml").write_text(RULES)
-    (place / "secret.hex").write_text(SECRET.hex() + "\n")
     terms = (
         "--rules",
         place / "small.rules.yaml",
@@ -50,16 +49,11 @@ def place(tmp_path_factory) -> Path:
         "--entrant",
         "theirs=0a1b",
     )
-    skybench(
-        "draw",
-        "--secret",
-        place / "secret.hex",
-        *terms,
-        "--beacon",
-        "drand round 5",
-        "--out",
-        place / "public" / "first",
-    )
+    beacon = ("--beacon", "drand round 5")
+    with pytest.MonkeyPatch.context() as patch:
+        # The same frames in each run of the tests.
+        patch.setattr("benchmark.rounds.secret.secrets.token_bytes", lambda count: SECRET)
+        skybench("draw", "--secret", place / "secret.hex", *terms, *beacon, "--out", place / "public" / "first")
     return place
 
 
@@ -88,8 +82,9 @@ def test_a_commitment_names_what_was_settled_and_no_secret(place) -> None:
     assert terms["contestants"] == SETTLED
     assert (terms["name"], terms["frames"], terms["beacon"]) == ("first", FRAMES, "drand round 5")
     assert SECRET.hex() not in text
-    words = skybench("draw", "--secret", place / "secret.hex", "--out", place / "public" / "first", code=2)
+    words = skybench("draw", "--secret", place / "new.hex", "--out", place / "public" / "first", code=2)
     assert "must not change" in " ".join(words.split())
+    assert not (place / "new.hex").exists()
 
 
 def test_results_carry_the_frozen_revisions_and_the_frames_hashes(scored) -> None:

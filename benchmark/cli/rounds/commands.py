@@ -28,9 +28,7 @@ _Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Processes that render
 
 @app.command(epilog="Example: skybench bench round draw --secret secret.hex --solver skybench --out rounds/first")
 def draw(
-    secret: Annotated[
-        Path, typer.Option("--secret", help="File of the secret; made, for you alone, if it is missing.")
-    ],
+    secret: Annotated[Path, typer.Option("--secret", help="File for the secret, new; readable by you alone.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the round, new; all in it is to be published.")],
     rules: Annotated[
         str, typer.Option("--rules", help="Rules by their file, or the name of those of skybench.")
@@ -52,16 +50,17 @@ def draw(
 ) -> None:
     """Commit to a secret, the rules and the contestants' revisions, before any frame exists."""
     from benchmark.cli.rounds.contestants import settled
+    from benchmark.rounds.commitment import COMMITMENT
     from benchmark.rounds.rules import load_rules
-    from benchmark.rounds.secret import new_secret, read_secret
+    from benchmark.rounds.secret import secret_for
     from benchmark.rounds.steps import check_apart, commit
 
     try:
         found = load_rules(rules)
         contestants = settled(solver or [], entrant or [])
         check_apart(secret, {"the round": out})
-        number = read_secret(secret) if secret.exists() else new_secret(secret)
-        committed = commit(out, number, found, name or out.resolve().name, frames, contestants, beacon)
+        with secret_for(out / COMMITMENT, secret) as number:
+            committed = commit(out, number, found, name or out.resolve().name, frames, contestants, beacon)
     except BenchmarkError as error:
         fail(error)
     if as_json:

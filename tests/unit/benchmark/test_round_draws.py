@@ -8,14 +8,18 @@ import hmac
 import itertools
 import math
 import stat
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from scipy import stats
 from small_rounds import RULES, SECRET, small_key, small_rules
+from typer.testing import CliRunner
 
 import celnav
+from benchmark.cli.app import app
 from benchmark.errors import RoundError
 from benchmark.instruments import Precision, round_to, step_of, told
 from benchmark.judge.frame_bounds import ground_speed_km_s
@@ -23,7 +27,7 @@ from benchmark.protocol import CameraRecord, Observation
 from benchmark.rounds.commitment import Terms, commitment_sha256
 from benchmark.rounds.drawing import draw_frames
 from benchmark.rounds.rules import load_rules, parse_rules, rules_names
-from benchmark.rounds.secret import RoundKey, new_secret, read_secret
+from benchmark.rounds.secret import RoundKey, new_secret, read_secret, secret_for
 from generator.places.times import Instant
 
 FALSE_ALARM = 1e-4
@@ -178,6 +182,43 @@ def test_a_secret_is_new_private_and_of_128_bits(tmp_path) -> None:
         with pytest.raises(RoundError, match=words) as caught:
             read_secret(path)
         assert text not in str(caught.value)
+
+
+def draw_command(secret: Path, out: Path, *more: str) -> tuple[int, str]:
+    arguments = ("bench", "round", "draw", "--secret", str(secret), "--frames", "2", "--out", str(out), *more)
+    done = CliRunner().invoke(app, arguments)
+    return done.exit_code, " ".join(done.output.split())
+
+
+def test_a_second_round_needs_a_secret_of_its_own(tmp_path) -> None:
+    """It would have the frames of the first one, whose secret may be known."""
+    rules = tmp_path / "small.rules.yaml"
+    rules.write_text(RULES)
+    secret = tmp_path / "secret.hex"
+    assert draw_command(secret, tmp_path / "first", "--rules", str(rules))[0] == 0
+    before = secret.read_text()
+    code, words = draw_command(secret, tmp_path / "second", "--rules", str(rules))
+    assert (code, secret.read_text()) == (2, before)
+    assert "choose a new file" in words
+    assert not (tmp_path / "second").exists()
+
+
+@pytest.mark.parametrize("ended_by", [RoundError, KeyboardInterrupt])
+def test_a_draw_without_a_commitment_leaves_no_secret(tmp_path, monkeypatch, ended_by) -> None:
+    def interrupted(*_: object) -> None:
+        raise ended_by("stopped")
+
+    monkeypatch.setattr("benchmark.rounds.steps.write_commitment", interrupted)
+    assert draw_command(tmp_path / "secret.hex", tmp_path / "first")[0] != 0
+    assert not (tmp_path / "secret.hex").exists()
+
+
+def test_a_commitment_that_was_made_keeps_its_secret(tmp_path) -> None:
+    commitment = tmp_path / "commitment.json"
+    with suppress(KeyboardInterrupt), secret_for(commitment, tmp_path / "secret.hex"):
+        commitment.write_text("{}")
+        raise KeyboardInterrupt
+    assert (tmp_path / "secret.hex").exists()
 
 
 @pytest.mark.parametrize(
