@@ -34,7 +34,7 @@ from benchmark.run.pinhole_frames import PinholeFrame, as_pinhole, is_centred_pi
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.memory import peak_mib, reset_peak
-from benchmark.solvers.messages import reply_of, request_of
+from benchmark.solvers.messages import answers, reply_of, request_of
 from benchmark.solvers.program import ProgramFailedError, ProgramSession
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
 from celnav.identification.sky_index import load_deep_sky_index, load_sky_index
@@ -191,6 +191,9 @@ class PipeSession:
             check_points(reply.uv, reply.flux)
             check_answer(reply.answer, len(reply.uv))
         except ValueError as error:
+            if not answers(exchange.message, frame.frame_id):
+                # What it prints later could be the answer that belongs here, so it begins anew.
+                self._program.close()
             return failure(f"error: {error}", exchange.time_ms, shared)
         detect_ms = min(reply.detect_ms, exchange.time_ms)
         return Response(

@@ -86,6 +86,11 @@ def request_of(frame: Frame, shared: Detections | None, image: Path, time_limit_
     }
 
 
+def answers(message: Mapping[str, Any], frame_id: str) -> bool:
+    """Whether a message says that it is the answer to a frame."""
+    return message.get("type") == "fix" and message.get("frame_id") == frame_id
+
+
 def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation, shared: Detections | None) -> Reply:
     """Read and check an answer.
 
@@ -94,7 +99,7 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
     ValueError
         It does not conform to docs/solver_protocol.md, or the program reports a failure.
     """
-    if message.get("type") != "fix" or message.get("frame_id") != frame_id:
+    if not answers(message, frame_id):
         raise ValueError(f"expected the answer to {frame_id}, found type {message.get('type')!r}")
     uv, flux = _points(message.get("detections")) if shared is None else _given(shared)
     status = message.get("status")

@@ -251,7 +251,7 @@ class ProgramSession:
     def _exchange(self, request: Mapping[str, Any], limit_s: float, spent_s: float = 0.0) -> dict[str, Any]:
         started = time.perf_counter()
         try:
-            if self._received:
+            if self._received or self._printed_since():
                 raise _MisbehavedError("printed more than its answer")
             words = json.dumps(request, allow_nan=False).encode() + b"\n"
             line = self._converse(words, started + limit_s - spent_s, limit_s)
@@ -260,6 +260,15 @@ class ProgramSession:
             reason = f"error: {error}{self._last_words()}"
             self.close()
             raise ProgramFailedError(reason, 1000.0 * (time.perf_counter() - started)) from error
+
+    def _printed_since(self) -> bool:
+        """Whether it has printed anything since its answer was read; it would be taken for the next answer."""
+        assert self._process is not None
+        assert self._process.stdout is not None
+        with contextlib.suppress(BlockingIOError):
+            # At the end of its output nothing is read either; the exchange tells how it ended.
+            return bool(os.read(self._process.stdout.fileno(), _CHUNK))
+        return False
 
     def _converse(self, pending: bytes, deadline: float, limit_s: float) -> bytes:
         """Write all of `pending` and read one line, in whatever order the program wants."""

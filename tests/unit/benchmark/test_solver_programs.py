@@ -146,6 +146,28 @@ def test_what_is_printed_beyond_the_answer_is_a_failure_of_the_next_frame(frames
             running.ask(request_of(frames[1], None, frames[1].image_path))
 
 
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("late", "error: printed more than its answer"),
+        ("later", "error: expected the answer to {}, found type None"),
+    ],
+)
+def test_a_late_line_costs_one_frame_and_not_those_after_it(frames, tmp_path, way, reason):
+    """It arrives between two frames, or in place of the next answer."""
+    pool = pool_of(folder_of(tmp_path, way))
+    try:
+        with pool.idle_session() as running:
+            responses = []
+            for frame in frames:
+                responses.append(running.answer(frame, None))
+                time.sleep(0.4)
+    finally:
+        pool.close()
+    assert responses[1].answer.reason == reason.format(frames[1].frame_id)
+    assert [one.status for one in responses] == ["fix", "error", "fix"]
+
+
 @pytest.mark.parametrize(("way", "message"), [("no hello", "no answer within 1 s"), ("wrong hello", "does not speak")])
 def test_a_program_that_does_not_greet_is_an_error_of_the_user(way, message):
     with session(way, Limits(start_s=1.0)) as running, pytest.raises(SolverError, match=message):

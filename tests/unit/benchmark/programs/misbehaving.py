@@ -99,6 +99,16 @@ def main():
             print(json.dumps(ANSWER | {"frame_id": "another"}), flush=True)
         elif WAY == "chatter":
             print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}) + "\nand more", flush=True)
+        elif WAY == "late":
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
+            if request["frame_id"] == "frame-00000" and asked > 1:
+                time.sleep(0.2)
+                print("{}", flush=True)
+        elif WAY == "later":
+            if request["frame_id"] == "frame-00001":
+                print("{}", flush=True)
+                time.sleep(0.2)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
         elif WAY == "loud":
             print(f"I am looking at {request['frame_id']}", file=sys.stderr, flush=True)
             print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
