@@ -312,19 +312,37 @@ class OtherProcessSession:
         self._process: ProcessPoolExecutor | None = None
 
     def start(self) -> str:
-        """Nothing to wait for: the process starts with its first frame."""
+        """Start the process, and wait until it holds the object. Raises SolverError."""
+        self._ready()
         return self._solver.version
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Ask the object in its process; if it ends the process, a new one is started for the next frame."""
-        if self._process is None:
-            self._process = ProcessPoolExecutor(1, get_context("spawn"), _hold_in_process, (self._solver,))
+        """Ask the object in its process; if it ends the process, a new one is started for the next frame.
+
+        Raises SolverError where a process does not get as far as the object.
+        """
+        process = self._ready()
         started = time.perf_counter()
         try:
-            return self._process.submit(_answer_in_process, frame, shared).result()
+            return process.submit(_answer_in_process, frame, shared).result()
         except BrokenProcessPool:
             self.close()
             return failure("error: ended its process", 1000.0 * (time.perf_counter() - started), shared)
+
+    def _ready(self) -> ProcessPoolExecutor:
+        """The process that holds the object."""
+        if self._process is None:
+            self._process = ProcessPoolExecutor(1, get_context("spawn"), _hold_in_process, (self._solver,))
+            try:
+                self._process.submit(_nothing).result()
+            except BrokenProcessPool as error:
+                self.close()
+                raise SolverError(
+                    f"{self._solver.name}: its process ended before it held the object: it imports the script and the "
+                    'object\'s class again; run the engine under `if __name__ == "__main__":`, with the class in a module '
+                    "that can be imported, or use jobs=1 (docs/benchmark.md)"
+                ) from error
+        return self._process
 
     def close(self) -> None:
         """End the process."""
@@ -340,6 +358,10 @@ _session_of_process: list[InProcessSession] = []
 def _hold_in_process(solver: SolverUnderTest) -> None:
     follow_parent()
     _session_of_process[:] = [InProcessSession(solver)]
+
+
+def _nothing() -> None:
+    """Done as soon as the process is there."""
 
 
 def _answer_in_process(frame: Frame, shared: Detections | None) -> Response:

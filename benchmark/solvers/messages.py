@@ -171,9 +171,10 @@ def _points(found: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return uv, np.full(n, np.nan)
     if not isinstance(listed, list) or len(listed) != n:
         raise ValueError(f"detections.flux must be a list of {n} numbers")
-    return uv, _array(
-        [0.0 if value is None else value for value in listed], (n,), "detections.flux"
-    ) if n else np.empty(0)
+    flux = np.full(n, np.nan)
+    known = np.array([value is not None for value in listed], dtype=bool)
+    flux[known] = _array([value for value in listed if value is not None], (int(known.sum()),), "detections.flux")
+    return uv, flux
 
 
 def _given(shared: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

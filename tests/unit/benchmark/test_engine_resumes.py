@@ -1,6 +1,10 @@
 """Finished results are skipped, interrupted runs resume, and solvers that cannot be told apart are run anew."""
 
 import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -10,6 +14,8 @@ from unit.benchmark.stored import detections, stored
 from benchmark.errors import ResultsError
 from benchmark.frames.dataset import open_dataset
 from benchmark.run import engine, journal
+
+ROOT = Path(__file__).parents[3]
 
 
 class StoppedError(Exception):
@@ -129,3 +135,25 @@ def test_an_object_that_ends_its_process_costs_itself_the_frame(folder, frames, 
     assert (run.summary.n_errors, run.summary.n_fixes) == (1, 8)
     reasons = pq.read_table(run.folder / "frames.parquet")["reason"].to_pylist()
     assert [reason for reason in reasons if reason] == ["error: ended its process"]
+
+
+# Starts processes of its own.
+@pytest.mark.journey
+@pytest.mark.parametrize("guarded", [False, True])
+def test_a_script_that_its_processes_cannot_import_again_is_told_so(folder, tmp_path, guarded):
+    run = f"engine.run({str(folder)!r}, [Mine()], Path({str(tmp_path / 'out')!r}), jobs=2)"
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from pathlib import Path\nfrom benchmark.run import engine\n"
+        "class Mine:\n    name, version, detector = 'mine', '1', 'none'\n"
+        "    def detect(self, image):\n        raise ValueError('sees nothing')\n"
+        "    def solve(self, detections, observation):\n        raise ValueError\n"
+        + (f"if __name__ == '__main__':\n    {run}\n" if guarded else f"{run}\n")
+    )
+    done = subprocess.run([sys.executable, str(script)], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+                          capture_output=True, text=True, timeout=120)  # fmt: skip
+    if guarded:
+        assert (done.returncode, done.stderr) == (0, "")
+    else:
+        assert "SolverError: mine: its process ended before it held the object" in done.stderr
+        assert not list((tmp_path / "out").rglob("summary.json"))

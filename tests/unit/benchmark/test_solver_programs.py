@@ -19,6 +19,7 @@ from benchmark.protocol import SIGMAS
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import outcomes
 from benchmark.run.sessions import SessionPool
+from benchmark.run.shared_detections import KeptDetections
 from benchmark.solvers.definition import SolverFolder, SolverSpec, read_solver_folder
 from benchmark.solvers.detected_points import Points
 from benchmark.solvers.messages import reply_of, request_of
@@ -312,6 +313,29 @@ def test_a_good_answer_is_read_whole(frames):
     assert reply.answer.cov_km2.tolist() == [[1.0, 0.1], [0.1, 2.0]]
     assert (reply.uv.tolist(), reply.flux.tolist(), reply.answer.matches.tolist()) == ([[3.0, 4.0]], [5.0], [[0, -7]])
     assert reply.detect_ms == 2.5
+
+
+def test_a_brightness_that_is_not_known_stays_unknown(frames):
+    found = {"uv": [[1.0, 2.0], [3.0, 4.0]], "flux": [None, 5]}
+    reply = reply_of(GOOD | {"detections": found}, "frame-00000", frames[0].observation, None)
+    np.testing.assert_array_equal(reply.flux, [np.nan, 5.0])
+    again = request_of(frames[0], Points(reply.uv, reply.flux), frames[0].image_path)
+    assert again["detections"] == found
+
+
+def test_shared_detections_of_many_frames_take_bounded_memory():
+    """Of 100 images of 100 points each, at most as many are kept as fit; the others are made again."""
+    kept, made = KeptDetections(most_points=1200), []
+
+    def points(name):
+        made.append(name)
+        return Points(np.zeros((100, 2)), None)
+
+    for name in range(100):
+        kept.of(Path(str(name)), lambda name=name: points(name))
+    for name in (99, 90, 0):
+        assert len(kept.of(Path(str(name)), lambda name=name: points(name)).uv) == 100
+    assert made == [*range(100), 0]
 
 
 def test_a_request_holds_the_observation_and_no_truth(frames):
