@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import celnav
 from benchmark.errors import DatasetError
-from benchmark.frames.record_values import integer, number, optional_number, value
+from benchmark.frames.record_values import integer, number, optional_number, text, value
 from benchmark.protocol import CameraRecord
 
 
@@ -106,7 +106,7 @@ def read_conditions(
     pointing = celnav.Pointing.of(R_cam)
     bortle = value(path, record, "sky.bortle")
     zenith = value(path, record, "sky.zenith_mag_arcsec2")
-    return FrameConditions(
+    found = FrameConditions(
         latitude_deg=number(path, record, "site.latitude_deg", -90.0, 90.0),
         longitude_deg=number(path, record, "site.longitude_deg", -360.0, 360.0),
         bortle=None if bortle is None else integer(path, record, "sky.bortle", low=1),
@@ -123,13 +123,35 @@ def read_conditions(
         altitude_deg=pointing.altitude_deg,
         roll_deg=pointing.roll_deg,
     )
+    _check_date(path, found, text(path, record, "time.utc_mid"))
+    return found
 
 
 def site_of(latitude_deg: float, longitude_deg: float, utc: str) -> str:
-    """Name a frame's place (to a ten-thousandth of a degree) and night (the date of the preceding noon, local mean time)."""
-    instant = datetime.fromisoformat(utc.replace("Z", "+00:00"))
+    """Name a frame's place (to a ten-thousandth of a degree) and night (the date of the preceding noon, local mean time).
+
+    Raises
+    ------
+    ValueError, OverflowError
+        There is no such date.
+    """
+    instant = _instant(utc)
     night = (instant + timedelta(hours=longitude_deg / 15.0 - 12.0)).date()
     return f"{latitude_deg:+.4f} {longitude_deg:+.4f} {night.isoformat()}"
+
+
+def _instant(utc: str) -> datetime:
+    """Parse a time in UTC; a leap second, which `datetime` does not have, counts as the second before it."""
+    return datetime.fromisoformat(utc.replace("T23:59:60", "T23:59:59").replace("Z", "+00:00"))
+
+
+def _check_date(path: Path, where: FrameConditions, utc: str) -> None:
+    try:
+        site_of(where.latitude_deg, where.longitude_deg, utc)
+    except (ValueError, OverflowError) as error:
+        raise DatasetError(
+            f"{path}: time.utc_mid: there is no {utc} ({error}); give the frame's date and time"
+        ) from error
 
 
 def _illuminated(phase_angle_deg: float | None) -> float | None:

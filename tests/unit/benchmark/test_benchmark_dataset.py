@@ -9,6 +9,8 @@ from unit.benchmark.fake_night import HEIGHT, WIDTH, write_dataset
 
 from benchmark.errors import DatasetError
 from benchmark.frames.dataset import load_image, open_dataset
+from benchmark.frames.sites import own_site
+from benchmark.judge.frame_bounds import bound_of
 
 
 @pytest.fixture
@@ -80,6 +82,9 @@ def put(section, key, value):
         (put("site", "latitude_deg", "48"), "finite number"),
         (put("site", "latitude_deg", float("nan")), "NaN is no number"),
         (put("time", "utc_mid", "2020-01-01T00:00:00"), "trailing Z"),
+        (put("time", "utc_mid", "2015-02-30T00:00:00Z"), "time.utc_mid: there is no 2015-02-30"),
+        (put("time", "utc_mid", "2015-02-20T12:00:60Z"), "time.utc_mid: there is no 2015-02-20T12:00:60Z"),
+        (put("time", "utc_mid", "0001-01-01T00:00:00Z"), "time.utc_mid: there is no 0001-01-01"),
         (put("attitude", "R_cam", [[1, 0], [0, 1]]), "3 rows"),
         (put("attitude", "R_cam", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]), "rotation"),
         (put("attitude", "R_cam", [[1, 0, 0], [0, 1]]), "3 rows"),
@@ -98,6 +103,13 @@ def test_a_bad_record_is_refused_by_name(folder, change, message):
     with pytest.raises(DatasetError, match=message) as caught:
         open_dataset(folder)
     assert str(folder) in str(caught.value)
+
+
+def test_a_leap_second_is_a_time(folder):
+    edit(folder / "frame-00001.json", put("time", "utc_mid", "2016-12-31T23:59:60.5Z"))
+    frame = open_dataset(folder).frames[1]
+    assert own_site(frame).endswith("2016-12-31")
+    bound_of(frame)
 
 
 def test_an_unfinished_run_is_refused(folder):
