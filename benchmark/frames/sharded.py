@@ -21,7 +21,7 @@ from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.target import LocalTarget, Target, open_target
 from generator.errors import GeneratorError
-from generator.files import linked_within, path_within
+from generator.files import linked_within, path_within, write_bytes
 from generator.reading.record import image_shape, read_record
 from generator.stored_files import LARGEST_MANIFEST_BYTES, StoredFile, stored_file
 
@@ -117,13 +117,12 @@ def _decoded(frame: StoredFrame, codec: str, name: str) -> NDArray[np.uint16]:
 
 def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, scratch: Path) -> int:
     """Unpack a shard's images and records into one folder; returns the number of its frames."""
-    done = folder / "shards" / f"{Path(file.path).stem}.txt"
-    if done.is_file():
-        digest, number = done.read_text(encoding="ascii").split()
-        if digest == file.sha256:
-            return int(number)
+    done, unpacked = folder / "shards" / f"{Path(file.path).stem}.txt", folder / UNPACKED
+    if (known := _unpacked_before(done, file.sha256, unpacked)) is not None:
+        return known
     path = _checked(target, file, scratch)
-    unpacked, codec, count = folder / UNPACKED, manifest.codec, 0
+    codec: str = manifest.codec
+    frame_ids: list[str] = []
     unpacked.mkdir(parents=True, exist_ok=True)
     for frame in read_frames(path):
         if not {codec, "json"} <= set(frame.members):
@@ -133,10 +132,20 @@ def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, 
             image if codec == "png" else encode(_decoded(frame, codec, f"{target.name}: {file.path}"), "png")
         )
         (unpacked / f"{frame.frame_id}.json").write_bytes(frame.members["json"])
-        count += 1
-    done.parent.mkdir(parents=True, exist_ok=True)
+        frame_ids.append(frame.frame_id)
     # Written last: its presence says that the shard's frames are complete.
-    done.write_text(f"{file.sha256} {count}", encoding="ascii")
+    write_bytes(done, "\n".join((file.sha256, *frame_ids)).encode())
     if scratch in path.parents:
         path.unlink()
-    return count
+    return len(frame_ids)
+
+
+def _unpacked_before(done: Path, sha256: str, unpacked: Path) -> int | None:
+    """Number of a shard's frames where all of them are there as an earlier run has unpacked them; None otherwise."""
+    try:
+        digest, *frame_ids = done.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError):
+        return None
+    names = [f"{frame_id}.{suffix}" for frame_id in frame_ids for suffix in ("png", "json")]
+    whole = digest == sha256 and all((unpacked / name).is_file() for name in names)
+    return len(frame_ids) if whole else None

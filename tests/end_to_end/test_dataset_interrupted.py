@@ -15,6 +15,8 @@ import psutil
 import pytest
 from tiny_dataset import SPEC, fingerprint, start
 
+from benchmark.frames.dataset import load_image
+from benchmark.frames.sharded import open_sharded
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
 from generator.errors import GeneratorError
@@ -171,3 +173,22 @@ def test_a_worker_that_dies_is_replaced(dataset, scenario_path, tmp_path) -> Non
     assert process.returncode == 0
     assert events[-1] == {"event": "end", "finished": True, "missing_shards": 0, "mended": []}
     assert fingerprint(tmp_path / "out") == fingerprint(dataset)
+
+
+@pytest.mark.parametrize("damage", ["empty mark", "no mark", "lost image", "mark of another shard"])
+def test_an_unpacking_that_was_broken_off_is_continued(small_set, tmp_path, damage) -> None:
+    def opened() -> list[int]:
+        return [int(load_image(frame).sum()) for frame in open_sharded(str(small_set), tmp_path).frames]
+
+    before = opened()
+    marks = sorted(tmp_path.rglob("shards/*.txt"))
+    assert marks
+    for mark in marks:
+        if damage == "no mark":
+            mark.unlink()
+        elif damage == "lost image":
+            for image in tmp_path.rglob("*.png"):
+                image.unlink()
+        else:
+            mark.write_text("" if damage == "empty mark" else "0" * 64 + " 2")
+    assert opened() == before
