@@ -14,7 +14,9 @@ from generator.reading.record import read_record as checked_record
 
 __all__ = ["FRAME_FORMAT", "RENDER_AGAIN", "integer", "number", "optional_number", "read_record", "text", "value"]
 
-RENDER_AGAIN = "render the dataset again with `skybench render`"
+RENDER_AGAIN = (
+    "delete what is damaged and run the same command again, or render the folder again with `skybench render`"
+)
 
 
 def read_record(path: Path) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from benchmark.errors import ResultsError
 from benchmark.frames.dataset import Frame
 from benchmark.frames.identity import identity_of
 from benchmark.judge.outcome import SolverOutcome
@@ -48,17 +49,20 @@ class Journal:
     def take_over(self, wanted: Sequence[Frame]) -> set[str]:
         """Read the outcomes of an interrupted run, and return the ids of its frames among those wanted.
 
-        Nothing is taken over if any frame has changed since, that is, if its image or its truth has another hash.
+        Nothing is taken over if a table is damaged, or if any frame has changed since, that is, if its image or its truth has
+        another hash.
         """
         stamp = self._folder / "stamp.json"
-        if not self._kept or not stamp.is_file() or stamp.read_text(encoding="utf-8") != self._stamp:
+        if not self._kept or not stamp.is_file() or stamp.read_bytes() != self._stamp.encode():
             self.clear()
             return set()
-        for path in sorted(self._folder.glob("frames-*.parquet")):
-            frames = read_table(path)
-            matches = read_table(path.with_name(path.name.replace("frames", "matches")))
-            self._frames.append(frames)
-            self._matches.append(matches)
+        try:
+            for path in sorted(self._folder.glob("frames-*.parquet")):
+                self._frames.append(read_table(path))
+                self._matches.append(read_table(path.with_name(path.name.replace("frames", "matches"))))
+        except ResultsError:
+            self.clear()
+            return set()
         done = {name: identity for table in self._frames for name, identity in identities_in(table.to_pandas()).items()}
         kept = [frame for frame in wanted if frame.frame_id in done]
         if any(identity_of(frame).contradicts(done[frame.frame_id]) for frame in kept):

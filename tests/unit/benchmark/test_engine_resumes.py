@@ -81,6 +81,15 @@ def test_an_interrupted_run_resumes_and_gives_what_a_whole_one_gives(folder, fra
     assert not list((tmp_path / "cut").rglob(journal.FOLDER))
 
 
+@pytest.mark.parametrize("name", ["frames-00000.parquet", "matches-00000.parquet", "stamp.json"])
+def test_a_damaged_table_of_an_unfinished_run_is_made_anew(folder, frames, tmp_path, name):
+    interrupted(folder, Counting("truth", frames), tmp_path, after=4)
+    (damaged,) = tmp_path.rglob(name)
+    damaged.write_bytes(b"\xff" + damaged.read_bytes()[:100])
+    (run,) = engine.run(folder, [Counting("truth", frames)], tmp_path)
+    assert (run.n_solved, run.summary.recall.value) == (9, 1.0)
+
+
 def test_a_finished_result_is_skipped_until_the_solver_changes(folder, frames, tmp_path):
     engine.run(folder, [Counting("truth", frames)], tmp_path)
     again = Counting("truth", frames)
