@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from benchmark.errors import DatasetError, SolverError
 from benchmark.frames.dataset import Frame, load_image
+from benchmark.frames.truth_folders import truth_folders
 from benchmark.judge.answers import Response, check_answer, check_points, failure, points_of
 from benchmark.protocol import Detections, SolverUnderTest
 from benchmark.run.focal_retry import at_focal_lengths, focal_factors, shares
@@ -169,7 +170,7 @@ class PipeSession:
     def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None, allowed: _Time) -> Response:
         """Put a request to the program; with `shown`, it gets the image of that pinhole."""
         if self._solver.spec.command:
-            self._solver.check_apart_from(frame.image_path)
+            self._solver.check_apart_from(truth_folders(frame))
         try:
             request = request_of(frame, shared, self._shown(frame.image_path, shown), allowed.share_s)
         except OSError as error:

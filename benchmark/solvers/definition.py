@@ -6,6 +6,7 @@ import hashlib
 import os
 import shutil
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -152,18 +153,27 @@ class SolverFolder:
         ]
         return [place for place in places if place.exists()]
 
-    def check_apart_from(self, image: Path) -> None:
-        """Refuse a definition that lets a program read the folder of an image, where the truth is.
+    def check_apart_from(self, truth: Iterable[Path]) -> None:
+        """Refuse a definition that lets a program read folders of truth, in whole or in part.
+
+        Parameters
+        ----------
+        truth : iterable of Path
+            Folders, see `benchmark.frames.truth_folders`.
 
         Raises
         ------
         SolverError
         """
-        real = Path(os.path.realpath(image))
-        for shown in [self.folder, *self.reads]:
-            if Path(os.path.realpath(shown)) in real.parents:
+        for hidden in truth:
+            real = Path(os.path.realpath(hidden))
+            for shown in [self.folder, *self.reads]:
+                place = Path(os.path.realpath(shown))
                 where = "its folder" if shown == self.folder else f"{shown}, which its {SPEC_NAME} names in reads,"
-                raise SolverError(f"{self.name}: {where} contains the frames with their truth; keep them apart")
+                if real.is_relative_to(place):
+                    raise SolverError(f"{self.name}: {where} contains the frames with their truth; keep them apart")
+                if place.is_relative_to(real):
+                    raise SolverError(f"{self.name}: {where} lies in {hidden}, beside the truth; keep them apart")
 
     def command_line(self) -> list[str]:
         """Command line that starts it.
@@ -283,7 +293,8 @@ def _files_of(folder: Path) -> list[Path]:
     size = sum(path.stat().st_size for path in files)
     if size > LARGEST_FOLDER_BYTES:
         raise SolverError(
-            f"{folder}: holds {size} bytes; keep data that is larger than {LARGEST_FOLDER_BYTES} elsewhere"
+            f"{folder}: holds {size} bytes, at most {LARGEST_FOLDER_BYTES} are allowed; keep large data in a folder that "
+            f"{SPEC_NAME} names in reads"
         )
     return files
 

@@ -16,6 +16,7 @@ from unit.benchmark.fake_night import write_dataset
 
 from benchmark.errors import SolverError
 from benchmark.frames.dataset import open_dataset
+from benchmark.frames.truth_folders import truth_folders
 from benchmark.run import sessions
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import outcomes
@@ -179,6 +180,35 @@ def test_a_solver_that_may_read_the_truth_is_refused(frames, place) -> None:
     inside = SolverFolder(place / "solver", spec_of(command=("python", "misbehaving.py", "well")))
     with pytest.raises(SolverError, match="mine: its folder contains the frames with their truth; keep them apart"):
         judged_by(inside, within)
+
+
+@pytest.mark.parametrize(
+    "reads",
+    [
+        "data/stars.parquet",
+        "data/frame-00000.json",
+        "task/stars",
+        "task/unpacked/frame-00000.json",
+        "private/f1",
+        "private",
+    ],
+)
+def test_a_solver_that_may_read_a_part_of_the_truth_is_refused(frames, tmp_path, reads) -> None:
+    """Beside the image, beside the folder of a task's unpacked images, and where a round's record is."""
+    shown = {
+        "data": dataclasses.replace(frames[0], image_path=tmp_path / "data" / "frame-00000.png"),
+        "task": dataclasses.replace(frames[0], image_path=tmp_path / "task" / "unpacked" / "frame-00000.png"),
+        "private": dataclasses.replace(
+            frames[0],
+            image_path=tmp_path / "set" / "f1.png",
+            record_path=tmp_path / "private" / "f1" / "frame-00000.json",
+        ),
+    }[reads.split("/")[0]]
+    solver = SolverFolder(tmp_path / "solver", spec_of(command=("python", "misbehaving.py"), reads=(f"../{reads}",)))
+    with pytest.raises(SolverError, match=r"names in reads, (contains the frames|lies in .* beside the truth)"):
+        solver.check_apart_from(truth_folders(shown))
+    apart = SolverFolder(tmp_path / "solver", spec_of(command=("python", "misbehaving.py"), reads=("../tables",)))
+    apart.check_apart_from(truth_folders(shown))
 
 
 def test_what_a_solver_reads_is_part_of_its_revision(place) -> None:
