@@ -14,7 +14,10 @@ from benchmark.cli.app import app
 from benchmark.cli.rounds import scoring
 from benchmark.errors import RoundError
 from benchmark.report.site.tree import read_tree
+from benchmark.rounds.commitment import read_commitment
+from benchmark.rounds.scored_answers import settle_answers
 from benchmark.rounds.steps import verify_round
+from benchmark.run.packing import pack_tree
 from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
 from benchmark.solvers.registry import solver_folder
 
@@ -116,7 +119,26 @@ def test_of_an_entrant_one_set_of_answers_counts(scored, tmp_path) -> None:
     other.write_text((scored / "set" / "answers.csv").read_text().replace("refused", "error"))
     given = ("--set", scored / "set", "--answers", other, "--name", "theirs")
     assert "one set of answers counts" in " ".join(step(scored, "score", *given, code=2).split())
+    apart = step(scored, "score", *given, "--out", tmp_path / "apart", code=2)
+    assert "one set of answers counts" in " ".join(apart.split())
     step(scored, "score", *given, "--later", "--out", tmp_path / "later")
+
+
+def test_answers_that_were_scored_before_they_were_recorded_count_too(scored, tmp_path) -> None:
+    """Raw, and packed into a table."""
+    folder, committed = scored / "public" / "first", read_commitment(scored / "public" / "first")[0]
+    copy = shutil.copytree(folder / "results", tmp_path / "first" / "results")
+    version = json.loads((folder / "answers.json").read_text())["answers"]["theirs"]
+    for _ in ("raw", "packed"):
+        with pytest.raises(RoundError, match="one set of answers counts"):
+            settle_answers(tmp_path / "first", committed, tmp_path / "elsewhere", "theirs", "sha256:another")
+        with pytest.raises(RoundError, match="one set of answers counts"):
+            settle_answers(tmp_path / "other", committed, copy, "theirs", "sha256:another")
+        pack_tree(copy)
+        assert not list(copy.rglob("summary.json"))
+    settle_answers(tmp_path / "first", committed, tmp_path / "elsewhere", "theirs", version)
+    settle_answers(tmp_path / "first", committed, tmp_path / "elsewhere", "others", "sha256:another")
+    assert set(json.loads((tmp_path / "first" / "answers.json").read_text())["answers"]) == {"theirs", "others"}
 
 
 def test_answers_that_come_after_the_secret_are_kept_apart(opened, tmp_path) -> None:

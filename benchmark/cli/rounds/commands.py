@@ -143,11 +143,12 @@ def score(
         fail(RoundError("give --solver, or --answers and --name"))
     from benchmark.cli.rounds.scoring import Scoring, score_answers, score_solvers
     from benchmark.rounds.private_frames import LATER
+    from benchmark.rounds.scored_answers import RESULTS
     from benchmark.rounds.secret import read_secret
     from benchmark.rounds.steps import draw as draw_round
 
     try:
-        place = out or folder / (LATER if later else "results")
+        place = out or folder / (LATER if later else RESULTS)
         wanted = Scoring(folder, draw_round(folder, read_secret(secret), beacon), truth, packed, place, later)
         if answers is not None and name is not None:
             found = [score_answers(wanted, answers, stars, name)]

@@ -11,11 +11,12 @@ from benchmark.errors import ResultsError, RoundError
 from benchmark.frames.frame_set import FrameSet
 from benchmark.report.formatting import number, percent
 from benchmark.rounds.commitment import OPENED
+from benchmark.rounds.scored_answers import settle_answers
 from benchmark.rounds.steps import Drawn, check_frozen, frames_to_score
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import check_contestants, run_all
 from benchmark.run.provenance import DetectionsMode
-from benchmark.run.results import SUMMARY_NAME, check_writable, read_summary
+from benchmark.run.results import check_writable
 from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
 from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.stats.metrics import Summary, summarise
@@ -94,21 +95,11 @@ def score_answers(wanted: Scoring, answers: Path, stars: Path | None, name: str)
     table = None if stars is None else _without_faults(stars, check_stars(stars, frozenset(ids)))
     version = version_of(answers, stars)
     if not wanted.later:
-        _check_only(wanted.out, name, version)
+        settle_answers(wanted.folder, wanted.drawn.commitment, wanted.out, name, version)
     outcomes = judge_submission(frames.frames, ids, given, table)
     folder = write_score(frames, wanted.out, name, version, outcomes)
     summary = summarise([outcome.score for outcome in outcomes], success_limit_km(frames.facts.metric))
     return Scored(name, folder, _words(name, summary, frames))
-
-
-def _check_only(out: Path, name: str, version: str) -> None:
-    """Refuse a second set of answers: of several, the best would be above what the entrant's solver reaches."""
-    for stored in (read_summary(path) for path in sorted(out.rglob(f"{name}-*/{SUMMARY_NAME}"))):
-        if stored.solver == name and stored.provenance.solver.version != version:
-            raise RoundError(
-                f"{name}: answers {stored.provenance.solver.version} were scored before, and one set of answers counts; "
-                f"score these ({version}) with --later"
-            )
 
 
 def _without_faults(path: Path, checked: Checked) -> Checked:
