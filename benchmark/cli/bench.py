@@ -77,8 +77,8 @@ def run(
         Path | None,
         typer.Option(
             "--out",
-            help="Results folder; default: results/leaderboard for skybench's rendered tasks, "
-            "results/real for its photographs, else results/demo.",
+            help="Results folder; default: results/leaderboard for skybench's rendered tasks, results/part for a part of "
+            "their frames, results/real for its photographs, else results/demo.",
         ),
     ] = None,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Frames to solve at the same time.")] = 1,

@@ -33,6 +33,8 @@ from benchmark.stats.metrics import ERROR, FIX
 from benchmark.tasks.definition import task_names
 
 LEADERBOARD, DEMO, REAL = Path("results/leaderboard"), Path("results/demo"), Path("results/real")
+PART = Path("results/part")
+"""Place of results on a part of a task's frames, which no board can compare with those on all of them."""
 ALL_ERRORS = 1
 
 
@@ -76,7 +78,7 @@ def run_solvers(request: Request, tell: Callable[[str], None]) -> tuple[Path, li
         Frames or a solver do not exist, or cannot be used here.
     """
     contestants = check_contestants(_contestants(request.solvers), request.jobs)
-    out = request.out or _default_out(request.targets)
+    out = request.out or default_out(request.targets, request.choice)
     check_writable(out)
     runs: list[SolverRun] = []
     with progress_bars() as bar:
@@ -191,11 +193,14 @@ def _contestants(names: Sequence[str]) -> list[Contestant]:
     return [contestant_of(name) for name in solvers_by_themselves() if name not in left_out]
 
 
-def _default_out(targets: Sequence[str]) -> Path:
+def default_out(targets: Sequence[str], choice: FrameChoice) -> Path:
+    """Folder of results on these frames where the caller names none."""
     ours = all(target.partition("@")[0] in task_names() and not Path(target).is_dir() for target in targets)
     if all(is_real_task(target) for target in targets):
         return REAL
-    return LEADERBOARD if ours else DEMO
+    if not ours:
+        return DEMO
+    return LEADERBOARD if choice.per_condition is None and choice.condition is None else PART
 
 
 def _opened(bar: Progress, target: str, choice: FrameChoice) -> FrameSet:

@@ -180,6 +180,7 @@ def judge_answer(
         n_correct=stars.n_correct,
         time_ms=response.detect_ms + response.solve_ms,
         site=site,
+        condition=frame.condition,
     )
     cov = answer.cov_km2 if answer.ok else None
     details = FrameDetails(

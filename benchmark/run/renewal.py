@@ -135,6 +135,7 @@ def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identit
         n_correct=int(answer["n_correct"]),
         time_ms=float(answer["time_ms"]),
         site=counted_site(frame),
+        condition=frame.condition,
     )
     details = FrameDetails(
         cov_km2=None if ee is None or en is None or nn is None else (ee, en, nn),

@@ -16,12 +16,14 @@ from benchmark.stats.clustered import Resamples, mean_estimates
 from benchmark.stats.frame_metrics import column, errors_km, fixed, sites, succeeded
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import SUCCESS_KM
-from benchmark.stats.paired_tests import PairedTest, holm, mcnemar_clustered, sign_flips, sums_by_cluster
+from benchmark.stats.paired_tests import N_FLIPS, PairedTest, holm, mcnemar_clustered, sign_flips, sums_by_cluster
 from benchmark.stats.power import design_effect, minimum_detectable_difference
 from benchmark.stats.within_conditions import difference_within_conditions
 
 F8 = NDArray[np.float64]
 
+FLIPS_A_PAIR = 200
+"""Flips of the test of errors for each pair of a family: adjusted for all of them, its least p-value is 1/200."""
 SMALLEST_ERROR_KM = 0.001
 """Errors below a metre count as a metre in a ratio, so that a perfect fix has a ratio."""
 LEVEL = 0.05
@@ -147,7 +149,7 @@ def compare(
             found += [comparison for comparison, _ in compared]
             ratios += [by_site for _, by_site in compared]
     success = holm([comparison.success_test.p for comparison in found])
-    error_p = sign_flips(ratios)
+    error_p = sign_flips(ratios, max(N_FLIPS, FLIPS_A_PAIR * len(ratios) - 1))
     return tuple(
         replace(comparison, success_p_holm=p, error_p=q, error_p_holm=adjusted)
         for comparison, p, q, adjusted in zip(found, success, error_p, holm(error_p), strict=True)

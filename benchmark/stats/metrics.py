@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from benchmark.stats.clustered import Resamples, proportion_estimate, quantile_estimate
 from benchmark.stats.intervals import Estimate
+from benchmark.stats.within_conditions import share_within_conditions
 
 SUCCESS_KM = 10.0
 """Limit of success where no task states its own."""
@@ -42,6 +43,8 @@ class FrameScore:
         Wall-clock time of detection and solving together.
     site : str
         Frames of one site are not independent (`benchmark.frames.sites`); empty for a frame that forms its own site.
+    condition : float or None
+        What the frame's task is graded by; None for a frame of no such task.
     """
 
     frame_id: str
@@ -60,11 +63,14 @@ class FrameScore:
     n_correct: int
     time_ms: float
     site: str = ""
+    condition: float | None = None
 
 
 @dataclass(frozen=True)
 class Summary:
     """Metrics over a set of frames, with intervals that treat the frames of a site as one cluster.
+
+    Shares of all frames have the variance within the task's conditions (`benchmark.stats.within_conditions`).
 
     Attributes
     ----------
@@ -99,7 +105,7 @@ class Summary:
 def summarise(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> Summary:
     """Summarise the scores of one solver over a set of frames, as `benchmark.stats.frame_metrics` does for their table."""
     resamples = Resamples.of([score.site or f"frame {score.frame_id}" for score in scores])
-    each = [1] * len(scores)
+    conditions = [math.nan if score.condition is None else score.condition for score in scores]
     fixed = [score.status == FIX for score in scores]
     near = [score.error_km < limit_km for score in scores]
     errors_km = [score.error_km for score in scores]
@@ -113,9 +119,9 @@ def summarise(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> Sum
         n_fixes=sum(fixed),
         n_refused=sum(score.status == REFUSED for score in scores),
         n_errors=sum(score.status == ERROR for score in scores),
-        recall=proportion_estimate(near, each, resamples),
-        wrong_and_confident=proportion_estimate(
-            [fix and not hit for fix, hit in zip(fixed, near, strict=True)], each, resamples
+        recall=share_within_conditions(near, conditions, resamples),
+        wrong_and_confident=share_within_conditions(
+            [fix and not hit for fix, hit in zip(fixed, near, strict=True)], conditions, resamples
         ),
         median_error_km=quantile_estimate(errors_km, 0.5, resamples),
         p90_error_km=quantile_estimate(errors_km, 0.9, resamples),

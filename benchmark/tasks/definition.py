@@ -29,9 +29,9 @@ TASK_SUFFIX = ".task.yaml"
 SplitName = Literal["dev", "test"]
 SPLITS: tuple[SplitName, ...] = ("dev", "test")
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
-FEWEST_VALUES = 3
-"""Least number of values of a task's condition."""
-Numbers = Annotated[tuple[float, ...], Field(min_length=FEWEST_VALUES, max_length=40), BeforeValidator(listed)]
+FEWEST_VALUES, MOST_VALUES = 3, 40
+"""Least and largest number of values of a task's condition."""
+Numbers = Annotated[tuple[float, ...], Field(min_length=FEWEST_VALUES, max_length=MOST_VALUES), BeforeValidator(listed)]
 Sigma = Annotated[float, Field(ge=0, le=360)]
 Level = Annotated[Sigma | tuple[Sigma, ...], BeforeValidator(listed)]
 RETIRED = {

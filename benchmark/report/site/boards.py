@@ -44,10 +44,10 @@ from benchmark.stats.frame_metrics import (
 )
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
+from benchmark.tasks.definition import MOST_VALUES
 
 F8 = NDArray[np.float64]
 
-MOST_LEVELS = 16
 _MOST_SHOWN = 9
 """Number of groups of frames by which success is shown where no task grades them: that of the Bortle classes."""
 _NO_BREAK = Estimate(math.nan, math.nan, math.nan, 0)
@@ -299,7 +299,7 @@ def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
     values = conditions_of(frames, task)
     metrics = [success_metric(task.metric), *(metric for metric in METRICS if metric.key == "median_error_km")]
     levels = []
-    for group in groups_of(values, MOST_LEVELS if task.graded else _MOST_SHOWN):
+    for group in groups_of(values, MOST_VALUES if task.graded else _MOST_SHOWN):
         part = frames[group]
         found = measure(part, metrics)
         bound = pd.Series(column(part, "crlb_km")).median()

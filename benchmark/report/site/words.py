@@ -47,7 +47,11 @@ def board_verdict(board: Board) -> str:
     if len(board.entries) == 1:
         return head
     rivals = [entry.label for entry in board.entries[1:] if entry.rank.low == 1]
-    tail = f" It cannot be told from {', '.join(rivals)}." if rivals else " No other can be the best."
+    tail = (
+        f" It cannot be told from {', '.join(rivals)}."
+        if rivals
+        else " All others test as worse than some solver (5 % level, all pairs)."
+    )
     found = board.discrimination
     if found is None:
         return head + tail

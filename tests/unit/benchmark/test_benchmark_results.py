@@ -95,6 +95,25 @@ def test_a_summary_says_what_the_report_says(out):
                 assert repr(getattr(summary, key)) == repr(report[key]), key
 
 
+def test_a_summary_of_graded_frames_has_the_variance_within_their_conditions(out):
+    """Two conditions, one always solved and one never: the difference between them is the task's, not chance."""
+    score = scores_of(pq.read_table(folder_of(out, "truth") / "frames.parquet"))[0]
+    scores = [
+        dataclasses.replace(
+            score,
+            frame_id=f"frame-{i:05d}",
+            site=f"site {i}",
+            error_km=1.0 if i < 40 else 99.0,
+            condition=float(i < 40),
+        )
+        for i in range(80)
+    ]
+    graded, plain = summarise(scores), summarise([dataclasses.replace(one, condition=None) for one in scores])
+    assert graded.recall.value == plain.recall.value == 0.5
+    assert graded.recall.high - graded.recall.low < 0.5 * (plain.recall.high - plain.recall.low)
+    assert graded.wrong_and_confident.high - graded.wrong_and_confident.low < 0.1
+
+
 def test_the_summary_of_a_task_has_the_tasks_limit(out, tmp_path):
     result = stored(out)["mixed"]
     frames = dataclasses.replace(result.provenance.frames, metric="success_30000km")
