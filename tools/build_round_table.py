@@ -4,7 +4,8 @@ The table of the latest round answers two questions on the same frames: how many
 detector, and how many it finds with the detections that all solvers share. Beside each is the share of frames with a fix of
 whose named stars most are right; a dash means that the solver names none. Solvers scored with `--later`, whose revision is
 not the committed one, have "(later)" behind their name. Tables of earlier rounds answer the first question only and omit
-times, which were measured on busy machines. `--check` writes nothing and fails if a page has another table.
+times, which were measured on busy machines; one table has the success of some solvers in all rounds. Error over bound and NEES
+of a solver that names no star are of its fixes within 10 km, and say so. `--check` writes nothing and fails if a page has another table.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ EARLIER = (
 )
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
 THIN_SPACE = "\u2009"  # between groups of thousands
+WITHIN = "within 10 km"
+COMPARED = ("skybench", "learned", "cedar-solve", "tetra3rs", "zenith-fixer", "ruststartracker")
+ALL_ROUNDS = "all rounds"
 TABLE = "the latest round"
 COLUMNS = (
     "solver", "success, %", "stars named right, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %",
@@ -85,14 +89,20 @@ def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _cells(entry: Entry) -> list[str]:
     """Cells about a solver that all tables of rounds contain."""
-    return [
-        entry.label,
-        _with_interval(SUCCESS, entry),
-        _with_interval(NAMED, entry),
-        _value(BOUND, entry),
-        _with_interval(NEES, entry),
-        _with_interval(WRONG, entry),
-    ]
+    named, bound, nees = _with_interval(NAMED, entry), _value(BOUND, entry), _with_interval(NEES, entry)
+    if named == "-":  # without names, only a place within the limit tells that the stars were identified
+        bound, nees = (value if value == "-" else f"{value}, {WITHIN}" for value in (bound, nees))
+    return [entry.label, _with_interval(SUCCESS, entry), named, bound, nees, _with_interval(WRONG, entry)]
+
+
+def table_of_all(rounds: Mapping[str, Mapping[str, Board]]) -> str:
+    """Success of some solvers in every round, the latest first."""
+    rows = []
+    for name, boards in rounds.items():
+        own = {entry.label: entry for entry in boards["own"].entries}
+        cells = (_with_interval(SUCCESS, own[solver]) if solver in own else "-" for solver in COMPARED)
+        rows.append([name, str(boards["own"].n_frames), *cells])
+    return _markdown(("round", "frames", *(f"{solver}, %" for solver in COMPARED)), rows)
 
 
 def _value(column: Column, entry: Entry) -> str:
@@ -108,10 +118,11 @@ def _with_interval(column: Column, entry: Entry) -> str:
 
 def tables(rounds: Path) -> dict[str, str]:
     """All tables by their names, from the folder that contains the rounds."""
-    earlier = {name: table_of_earlier(boards_of(rounds / name / "results")) for name in EARLIER}
+    boards = {name: boards_of(rounds / name / "results") for name in (LATEST, *EARLIER)}
+    earlier = {name: table_of_earlier(boards[name]) for name in EARLIER}
     latest = rounds / LATEST
     later = boards_of(latest / "later", LATER) if (latest / "later").is_dir() else {}
-    return {TABLE: table(boards_of(latest / "results"), later), **earlier}
+    return {TABLE: table(boards[LATEST], later), ALL_ROUNDS: table_of_all(boards), **earlier}
 
 
 def main(arguments: Iterable[str] | None = None) -> None:
