@@ -29,6 +29,8 @@ MAX_BYTES = 500_000_000
 _CHUNK = 1 << 20
 _BZIP2, _GZIP = b"BZh", b"\x1f\x8b"
 _STARTS = (b"SIMPLE", _BZIP2, _GZIP)
+# Programs with several threads write a stream per 64 kB or more, so a file of the largest size has some 8000.
+_MOST_STREAMS = 20_000
 _MOST_WORDS = 2000
 _MOST_UNITS = 64
 # A camera of 100 million pixels has some ten thousand rows in three colours, each of which may be a tile.
@@ -148,7 +150,7 @@ def unpacked_bytes(path: str | Path) -> bytes:
     Raises
     ------
     ImageError
-        When the file cannot be read, is damaged, or holds more than `MAX_BYTES`.
+        When the file cannot be read, is damaged, or holds more than `MAX_BYTES` or too many compressed streams.
     """
     path = Path(path)
     try:
@@ -188,7 +190,7 @@ class _Gzip:
 
 def _unpacked(file: io.BufferedReader, mark: bytes, new_unpacker: Callable[[], Any], path: Path) -> bytes:
     """Unpack all streams of a file, of which programs with several threads write one after another."""
-    parts, total = [], 0
+    parts, total, streams = [], 0, 1
     unpacker, further = new_unpacker(), b""
     try:
         while True:
@@ -198,7 +200,12 @@ def _unpacked(file: io.BufferedReader, mark: bytes, new_unpacker: Callable[[], A
                     further += more
                 if not further.startswith(mark):
                     break
-                unpacker = new_unpacker()
+                # Empty streams never reach the limit of size, however many there are.
+                if streams == _MOST_STREAMS:
+                    raise ImageError(
+                        f"image {path} has more than {_MOST_STREAMS} compressed streams: compress it as one"
+                    )
+                unpacker, streams = new_unpacker(), streams + 1
             asked = unpacker.needs_input
             piece, further = (further or file.read(_CHUNK), b"") if asked else (b"", further)
             parts.append(unpacker.decompress(piece, _CHUNK))

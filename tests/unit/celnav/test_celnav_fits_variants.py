@@ -193,6 +193,14 @@ def test_a_bomb_in_many_streams_is_not_unpacked(tmp_path, monkeypatch):
         read_fits(tmp_path / "a.fits")
 
 
+@pytest.mark.parametrize("compress", [bz2.compress, gzip.compress])
+def test_a_file_of_very_many_empty_streams_is_refused(tmp_path, compress):
+    """Each takes time and none adds a byte, so that the limit of the unpacked size does not stop them."""
+    (tmp_path / "a.fits").write_bytes(20_001 * compress(b""))
+    with pytest.raises(ImageError, match="more than 20000 compressed streams"):
+        read_fits(tmp_path / "a.fits")
+
+
 def test_a_day_takes_its_time_from_the_julian_date_of_the_same_day():
     day = {"DATE-OBS": "2018-09-14", "EXPTIME": 10.0}
     found = exposure_in(day | {"MJD-OBS": 58375.4954}, {}, "a.fits")
