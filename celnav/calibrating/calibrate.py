@@ -208,6 +208,7 @@ def _described(
                 len(rows),
                 math.sqrt(float(np.average(square[rows], weights=weight[rows]))) if len(rows) else math.nan,
                 match.limiting_mag,
+                frame.exposure_s,
             )
         )
     stars = np.array([field.skies[f].star_id[s] for f, s in zip(fit.seen.frame, fit.seen.star, strict=True)])

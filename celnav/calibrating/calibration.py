@@ -45,6 +45,8 @@ class FrameAttitude:
         Weighted root mean square of the residuals along an axis.
     limiting_mag : float
         Magnitude down to which stars were matched.
+    exposure_s : float or None
+        Exposure time of the frame; None if unknown.
     """
 
     name: str
@@ -56,6 +58,7 @@ class FrameAttitude:
     stars: int
     rms_px: float
     limiting_mag: float
+    exposure_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

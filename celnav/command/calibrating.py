@@ -89,9 +89,9 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
             "roll_deg": pointing.roll_deg,
         }
         site = {"latitude_deg": arguments.lat, "longitude_deg": arguments.lon, "height_m": arguments.height_m}
-        first = next(frame for frame in frames if frame.name == found.attitudes[0].name)
+        first = found.attitudes[0]
         exposure_s = 1.0 if first.exposure_s is None else first.exposure_s
-        started_mjd = found.attitudes[0].utc.mjd - exposure_s / 2 / 86400
+        started_mjd = first.utc.mjd - exposure_s / 2 / 86400
         moment = np.datetime64("1858-11-17T00:00:00") + np.timedelta64(round(started_mjd * 86_400_000), "ms")
         centre = np.array([found.camera.cx_px, found.camera.cy_px])
         reach_px = float(np.hypot(*(found.residuals.uv - centre).T).max())

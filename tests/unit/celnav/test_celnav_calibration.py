@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import cv2
@@ -10,6 +11,7 @@ import pytest
 from calibration_sky import LAT_DEG, LON_DEG, apparent_stars, fisheye_positions, frame_of, perspective_positions
 
 import celnav
+from celnav.__main__ import main
 from celnav.calibrating.calibrate import calibrate
 from celnav.calibrating.camera_output import opencv_calibration, opencv_text, scenario_text
 from celnav.calibrating.fixed_detections import moving
@@ -18,6 +20,7 @@ from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.calibrating.mount import mean_rotation, turned, turns_deg
 from celnav.calibrating.scatter.noise import measure_noise
 from celnav.calibrating.verdict import report, verdict
+from celnav.command import calibration_frames
 from celnav.command.pointing import Pointing
 from celnav.detections import Detections
 from celnav.errors import CalibrationError, CameraError, ConfigError
@@ -294,3 +297,26 @@ def test_camera_writes_what_it_reads(tmp_path):
     path = tmp_path / "camera.json"
     path.write_text(camera.to_json())
     assert celnav.Camera.from_json(path) == camera
+
+
+def test_the_scenario_has_the_exposure_of_its_frame_not_of_another_of_the_same_name(
+    tilted, calibrated, tmp_path, monkeypatch
+):
+    """As night1/001.jpg, without stars to identify, and night2/001.jpg."""
+    rng = np.random.default_rng(8)
+    nothing = Detections(rng.uniform(0, 1, (12, 2)) * SIZE, np.linspace(9.0, 1.0, 12), SIZE[::-1])
+    frames = [
+        CalibrationFrame(nothing, UTC, SIZE, "001.jpg", 3.0),
+        dataclasses.replace(tilted[0], name="001.jpg", exposure_s=20.0),
+    ]
+    monkeypatch.setattr(calibration_frames, "read_frames", lambda *_: frames)
+    out, scenario = tmp_path / "camera.json", tmp_path / "scenario.yaml"
+    guess = tmp_path / "guess.json"
+    guess.write_text(calibrated.to_json(), encoding="utf-8")
+    place = ["--lat", str(LAT_DEG), "--lon", str(LON_DEG), "--models", "brown_conrady", "--camera", str(guess)]
+    files = ["night1/001.jpg", "night2/001.jpg", "--out", str(out), "--scenario", str(scenario)]
+    assert main(["calibrate", *files, *place]) == 0
+    assert json.loads(out.read_text())["calibration"]["left_out"] == ["001.jpg"]
+    written = scenario.read_text()
+    assert "exposure_s: 20.0" in written
+    assert "05:29:50" in written
