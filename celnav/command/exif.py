@@ -23,6 +23,8 @@ from celnav.errors import ImageError
 if TYPE_CHECKING:
     from PIL import Image
 
+    from celnav.reading.fits_file import FitsImage
+
 _Tags = Mapping[int, object]
 _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _LONGEST_TEXT = 60
@@ -88,6 +90,23 @@ class PhotoTags:
     lacks: str = ""
 
 
+def tags_of_fits(image: FitsImage) -> PhotoTags:
+    """Return size, and start and duration of the exposure, of a FITS image."""
+    height, width = image.pixels.shape[:2]
+    exposure = image.exposure
+    begun = exposure.begun or exposure.middle
+    return PhotoTags(
+        width,
+        height,
+        None if begun is None else begun.replace(tzinfo=None),
+        False,
+        None if begun is None else timedelta(0),
+        exposure_s=exposure.length_s,
+        source="FITS header",
+        lacks=exposure.lacks,
+    )
+
+
 def read_tags(path: str | Path) -> PhotoTags:
     """Read the tags of a PNG, JPEG, TIFF or HEIF; for a FITS image, its size and the start and duration of its exposure.
 
@@ -102,20 +121,7 @@ def read_tags(path: str | Path) -> PhotoTags:
     from celnav.reading.heif_file import is_heif, open_heif
 
     if is_fits(path):
-        found = read_fits(path)
-        height, width = found.pixels.shape[:2]
-        exposure = found.exposure
-        begun = exposure.begun or exposure.middle
-        return PhotoTags(
-            width,
-            height,
-            None if begun is None else begun.replace(tzinfo=None),
-            False,
-            None if begun is None else timedelta(0),
-            exposure_s=exposure.length_s,
-            source="FITS header",
-            lacks=exposure.lacks,
-        )
+        return tags_of_fits(read_fits(path))
     if is_heif(path):
         picture = open_heif(path)
         return _tags((picture.width, picture.height), *_directories(lambda: _loaded(picture.tags)), turned=True)

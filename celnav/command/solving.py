@@ -20,7 +20,7 @@ from celnav.command.answer import Answer, attitude_of
 from celnav.command.attitude_option import is_of_gravity, read_attitude
 from celnav.command.camera_file import read_camera_file
 from celnav.command.checks.remedies import check_size, naming_attitudes, naming_formats
-from celnav.command.exif import PhotoTags, read_tags
+from celnav.command.exif import PhotoTags, read_tags, tags_of_fits
 from celnav.command.exposure_time import exposure_time, refuse_clock_options
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
@@ -32,6 +32,7 @@ from celnav.fix import Fix, Reason
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
 from celnav.problem import LastKnown, Solver
+from celnav.reading.fits_file import is_fits, read_fits
 from celnav.reading.image_file import read_image, read_mask, refuse_raw, without_blanks
 from celnav.skybench_config import SkybenchConfig
 from celnav.skybench_solver import SkybenchSolver
@@ -113,8 +114,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
 
         check_plot_path(arguments.plot)
     with clock.stage("reading"), naming_formats():
-        image = read_image(arguments.image)
-        tags = read_tags(arguments.image)
+        image, tags = _image_and_tags(arguments.image)
         near = _near(arguments.near, arguments.solver)
         sigmas = read_sigmas(arguments.sigma)
         told = None if _nothing_told(arguments, tags) else _lens(arguments, tags)
@@ -190,6 +190,14 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         sigmas=sigmas,
     )
     return _finished(found, image, arguments.plot, clock, started_s)
+
+
+def _image_and_tags(path: str) -> tuple[NDArray[np.generic], PhotoTags]:
+    """Read pixels and tags; a FITS file, whose header is read along with its pixels, is unpacked and decoded once."""
+    if is_fits(path):
+        found = read_fits(path)
+        return found.pixels, tags_of_fits(found)
+    return read_image(path), read_tags(path)
 
 
 def _finished(found: Answer, image: NDArray[np.generic], plot: str | None, clock: _Clock, started_s: float) -> Answer:

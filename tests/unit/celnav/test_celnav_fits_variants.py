@@ -201,6 +201,18 @@ def test_a_file_of_very_many_empty_streams_is_refused(tmp_path, compress):
         read_fits(tmp_path / "a.fits")
 
 
+def test_solve_unpacks_a_fits_file_once(tmp_path, monkeypatch, capsys):
+    path, unpacked, unpack = tmp_path / "a.fits", [], fits_file.unpacked_bytes
+    header = fits.Header({"DATE-OBS": "2018-09-14T11:53:22.844", "EXPTIME": 60.0})
+    fits.PrimaryHDU(PIXELS, header).writeto(path)
+    camera = tmp_path / "camera.json"
+    camera.write_text(celnav.Camera("pinhole", 30, 20, 40.0).to_json(), encoding="utf-8")
+    monkeypatch.setattr(fits_file, "unpacked_bytes", lambda name: unpacked.append(name) or unpack(name))
+    main(["solve", str(path), "--camera", str(camera), "--attitude", "zenith", "--json"])
+    assert "2018-09-14T11:53:52.844Z" in capsys.readouterr().out
+    assert len(unpacked) == 1
+
+
 def test_a_day_takes_its_time_from_the_julian_date_of_the_same_day():
     day = {"DATE-OBS": "2018-09-14", "EXPTIME": 10.0}
     found = exposure_in(day | {"MJD-OBS": 58375.4954}, {}, "a.fits")
