@@ -33,8 +33,14 @@ def test_both_pages_have_the_tables_of_the_committed_rounds(tool: ModuleType) ->
 def test_no_round_on_the_page_has_a_table_of_other_origin(tool: ModuleType) -> None:
     text = (ROOT / "docs" / "rounds.md").read_text(encoding="utf-8").split("## Rounds so far")[1]
     marked = re.findall(r"<!-- table: (.*?) -->", text)
-    assert marked == [tool.TABLE, *tool.EARLIER]
-    assert len(re.findall(r"^\| solver \|", text, re.MULTILINE)) == len(marked)
+    assert marked == [tool.ALL_ROUNDS, tool.TABLE, *tool.EARLIER]
+    assert len(re.findall(r"^\| (?:solver|round) \|", text, re.MULTILINE)) == len(marked)
+
+
+def test_numbers_of_solvers_that_name_no_star_are_told_apart(tool: ModuleType) -> None:
+    rows = [line.split(" | ") for line in tool.tables(ROOT / "results" / "rounds")[tool.TABLE].splitlines()[2:]]
+    assert {row[0].strip("| ") for row in rows if "within 10 km" in row[3]} == {"seiza", "zenith-fixer"}
+    assert not any("within 10 km" in cell for row in rows if row[2] != "-" for cell in row)
 
 
 def test_a_changed_cell_is_found_and_mended(tool: ModuleType, tmp_path: Path) -> None:
