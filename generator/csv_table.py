@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -79,11 +78,10 @@ def read_csv(
     found = tuple(cell.strip() for cell in header.split(","))
     if columns is not None and found != tuple(columns):
         raise CsvError(f"'{name}', line {number}: found the columns {', '.join(found)}, expected {', '.join(columns)}")
-    rows = list(itertools.islice(lines, most_rows))
-    count = len(rows) + sum(1 for _ in lines)  # further lines are not kept, however many the file has
+    rows = list(lines)
     convert = (first_column or {}).get(found[0])
-    if not least_rows <= count <= most_rows:
-        raise CsvError(f"'{name}': found {count} rows of numbers, expected {least_rows} to {most_rows}")
+    if not least_rows <= len(rows) <= most_rows:
+        raise CsvError(f"'{name}': found {len(rows)} rows of numbers, expected {least_rows} to {most_rows}")
     try:
         converters: dict[int | str, Callable[[str], Any]] | None = None if convert is None else {0: convert}
         values = np.loadtxt([line for _, line in rows], delimiter=",", comments=None, ndmin=2, converters=converters)
@@ -116,19 +114,10 @@ def _lines(path: Path, name: str, most_rows: int) -> Iterator[tuple[int, str]]:
     except UnicodeDecodeError as error:
         raise CsvError(f"'{name}': not UTF-8 text ({error.reason} at byte {error.start})") from error
     header_seen = False
-    for number, line in enumerate(_split(text), start=1):
+    for number, line in enumerate(text.split("\n"), start=1):
         if line.strip() and (header_seen or not line.startswith(COMMENT)):
             header_seen = True
             yield number, line
-
-
-def _split(text: str) -> Iterator[str]:
-    """Lines of a text, one at a time: a list of millions of them takes fifty times the memory of the text."""
-    start = 0
-    while (end := text.find("\n", start)) >= 0:
-        yield text[start:end]
-        start = end + 1
-    yield text[start:]
 
 
 def _fault(

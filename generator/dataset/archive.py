@@ -15,9 +15,9 @@ from typing import BinaryIO
 from generator.errors import GeneratorError
 from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
 
-LARGEST_MEMBER_BYTES = 2**34
-"""Limit above the size of a member of the largest frame (16384 x 16384 pixels): sixteen channels of expected electrons, four
-bytes each. Members of smaller frames have limits by their pixels."""
+LARGEST_MEMBER_BYTES = 2_000_000_000
+"""Limit above the size of an image of the largest frame (16384 x 16384 pixels) with all its channels of expected
+electrons."""
 FREE_BYTES = 1_000_000
 """Bytes allowed for a member, however few pixels its frame has."""
 BYTES_PER_PIXEL = {

@@ -14,7 +14,6 @@ from PIL import Image
 from generator.errors import GeneratorError
 from generator.frame.render import png_bytes
 from generator.reading.heif_file import heif_pixels
-from generator.reading.jpeg_scans import MOST_SCANS, too_many_scans
 from generator.reading.jxl_header import jxl_shape
 from generator.reading.png_header import check_png
 from generator.reading.record import LARGEST_SIDE_PX
@@ -101,8 +100,6 @@ def photo(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8
                 raise GeneratorError(f"a JPEG of {image.width} x {image.height} pixels")
             if image.mode not in PICTURE_MODES:
                 raise GeneratorError(f"a JPEG of mode {image.mode}, not {' or '.join(PICTURE_MODES)}")
-            if too_many_scans(data):
-                raise GeneratorError(f"a JPEG of more than {MOST_SCANS} scans")
             return np.array(image, dtype=np.uint8)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise GeneratorError(f"damaged JPEG ({error})") from error

@@ -170,7 +170,9 @@ class FrameFolder:
         incomplete = [
             index
             for index in range(self.scenario.frame_count)
-            if not (self._whole(index, intact, exr, layers) and (finished or self._rows_whole(index)))
+            if not (
+                self._whole(index, intact, exr, layers) and (finished or self._rows_file(index, STARS_FILE).is_file())
+            )
         ]
         if not finished:
             for name in (OBJECTS_FILE, STARS_FILE):
@@ -199,19 +201,6 @@ class FrameFolder:
         return places >= {f"{stem}{suffix}" for suffix in suffixes} and (
             not layers or any(_LAYER.search(place) for place in places)
         )
-
-    def _rows_whole(self, index: int) -> bool:
-        """Whether the frame's rows can be read: those of its stars, and those of objects where it has any."""
-        stars, objects = (self._rows_file(index, name) for name in (STARS_FILE, OBJECTS_FILE))
-        try:
-            pq.read_table(stars, schema=SCHEMAS[STARS_FILE])
-            if objects.is_file():
-                pq.read_table(objects, schema=SCHEMAS[OBJECTS_FILE])
-        except (OSError, pa.ArrowException):
-            stars.unlink(missing_ok=True)
-            objects.unlink(missing_ok=True)
-            return False
-        return True
 
     def _rows_file(self, index: int, table: str) -> Path:
         return self.folder / UNFINISHED / f"{frame_id(index)}.{table}"

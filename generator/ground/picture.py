@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from generator.ground.panorama import MOST_TEXELS, Bytes, Panorama, column_azimuths, cropped, row_altitudes
-from generator.reading.jpeg_scans import MOST_SCANS, too_many_scans
 
 Floats = NDArray[np.float64]
 
@@ -51,20 +50,10 @@ def read_picture(data: bytes, name: str) -> Bytes:
                     )
                 if min(width, height) < 2:
                     raise PictureError(f"'{name}' has {width} x {height} pixels, too few for a landscape")
-                if too_many_scans(data):
-                    raise PictureError(f"'{name}' has more than {MOST_SCANS} scans: save it anew")
                 return np.array(image.convert("RGBA"))
     except PictureError:
         raise
-    except (
-        OSError,
-        SyntaxError,
-        ValueError,
-        TypeError,
-        OverflowError,
-        EOFError,
-        Image.DecompressionBombError,
-    ) as error:
+    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         wanted = ", ".join(FORMATS)
         raise PictureError(f"'{name}' cannot be read as a picture ({reason}); expected one of {wanted}") from error

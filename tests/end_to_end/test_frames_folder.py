@@ -161,21 +161,6 @@ def test_damage_between_an_interruption_and_the_next_run_is_mended(scenario, who
     assert fingerprint(tmp_path / "out") == fingerprint(whole)
 
 
-@pytest.mark.parametrize("content", [b"no table", b""])
-def test_rows_that_cannot_be_read_are_made_again(scenario, whole, tmp_path, content) -> None:
-    """Rows of single frames wait for the last one; a machine that stopped may leave them empty."""
-
-    def stop(index: int) -> None:
-        if index == 1:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        render_dataset(scenario, tmp_path / "out", stop)
-    (tmp_path / "out" / UNFINISHED / f"frame-00000.{STARS_FILE}").write_bytes(content)
-    render_dataset(scenario, tmp_path / "out")
-    assert fingerprint(tmp_path / "out") == fingerprint(whole)
-
-
 def test_a_folder_keeps_the_kinds_of_files_that_it_has(scenario, copy) -> None:
     render_dataset(scenario, copy, layers=True)
     assert problems(copy) == []

@@ -103,11 +103,3 @@ def test_a_scenario_names_the_key(tmp_path) -> None:
     (tmp_path / "odd.exr").write_bytes(b"nothing")
     with pytest.raises(ScenarioError, match=r"foreground\.landscape.*'odd\.exr' cannot be read as OpenEXR"):
         landscape_of(tmp_path, file="odd.exr")
-
-
-def test_a_single_colour_beside_grey_is_left_out(tmp_path) -> None:
-    grey = np.full((8, 16), 0.5)
-    write_exr(tmp_path / "both.exr", {"R": grey / 2, "Y": grey})
-    write_exr(tmp_path / "grey.exr", {"Y": grey})
-    both, alone = (read_linear(tmp_path / name, name, None) for name in ("both.exr", "grey.exr"))
-    np.testing.assert_array_equal(both.rgba, alone.rgba)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from benchmark.cli.app import app
 from generator.errors import ScenarioError
 from generator.ground.stellarium.landscape import read_landscape
-from generator.ground.stellarium.package import MOST_DIRECTORY_BYTES, Package, PackageError, directory_bytes
+from generator.ground.stellarium.package import PackageError
 from generator.scenario.file import load_scenario
 
 INI = "[landscape]\nname = x\ntype = spherical\nmaptex = a.png\n"
@@ -109,40 +109,3 @@ def test_every_command_that_reads_a_scenario_refuses_it(tmp_path, command) -> No
     told = CliRunner().invoke(app, [places.get(word, word) for word in command])
     assert told.exit_code == 2, told.output
     assert "is compressed by bzip2" in told.output
-
-
-def test_a_directory_of_many_files_is_refused_before_it_is_read(tmp_path) -> None:
-    """A zip file's directory takes an object of half a kilobyte for each of its entries, of which packages have some tens."""
-    path = tmp_path / "many.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        for number in range(MOST_DIRECTORY_BYTES // 50):
-            archive.writestr(f"{number:06d}", b"")
-    assert directory_bytes(path) > MOST_DIRECTORY_BYTES
-    commented = tmp_path / "comment.zip"
-    with zipfile.ZipFile(path) as many, zipfile.ZipFile(commented, "w") as archive:
-        archive.comment = b"PK\x05\x06" + bytes(100)
-        archive.writestr(many.namelist()[0], b"")
-    assert 0 < directory_bytes(commented) < 100
-    tracemalloc.start()
-    try:
-        with pytest.raises(
-            PackageError, match=r"'many\.zip' lists more than 2000000 bytes of names of files; pack less"
-        ):
-            Package(path, "many.zip")
-        assert tracemalloc.get_traced_memory()[1] < 2_000_000
-    finally:
-        tracemalloc.stop()
-
-
-def test_a_member_without_a_name_is_no_folder(tmp_path) -> None:
-    package(tmp_path / "a.zip", zipfile.ZIP_DEFLATED)
-    with zipfile.ZipFile(tmp_path / "a.zip", "a") as archive:
-        archive.writestr("y", b"")
-    data = (tmp_path / "a.zip").read_bytes()
-    # The length of the last name in the directory, and the directory's length, say that it has none.
-    entry = data.rindex(b"PK\x01\x02")
-    end = data.rindex(b"PK\x05\x06")
-    size = int.from_bytes(data[end + 12 : end + 16], "little") - 1
-    short = data[: entry + 28] + bytes(2) + data[entry + 30 : entry + 46] + data[entry + 47 : end + 12]
-    (tmp_path / "b.zip").write_bytes(short + size.to_bytes(4, "little") + data[end + 16 :])
-    assert Package(tmp_path / "b.zip", "b.zip").values["type"] == "spherical"

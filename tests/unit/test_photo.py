@@ -147,14 +147,3 @@ def test_bad_photos_are_refused(case) -> None:
     values, fragment = REFUSED[case]
     with pytest.raises(ScenarioError, match=fragment):
         small_scenario(sensor={"develop": {"photo": values}})
-
-
-@pytest.mark.parametrize(
-    ("longitude_deg", "expected"), [(190.0, ("W", 170)), (180.0, ("E", 180)), (-179.0, ("W", 179))]
-)
-def test_longitudes_beyond_the_date_line_are_those_that_readers_expect(longitude_deg, expected) -> None:
-    scenario = small_scenario(site={"latitude_deg": 52.0, "longitude_deg": longitude_deg})
-    plan = plan_frame(scenario, 0)
-    how = Taken(plan.spec, plan.utc_start.isoformat(), plan.spec.attitude)
-    where = tags(how, PhotoSpec(gps=True)).get_ifd(0x8825)
-    assert (where[3], int(where[4][0])) == expected

@@ -7,7 +7,6 @@ decompresses bzip2 and LZMA without a limit, and one read of a package of a kilo
 
 from __future__ import annotations
 
-import io
 import lzma
 import math
 import posixpath
@@ -19,40 +18,18 @@ from pathlib import Path
 INI = "landscape.ini"
 MOST_MEMBERS = 2000
 """Limit of the number of members; packages have some tens, with descriptions in many languages."""
-MOST_DIRECTORY_BYTES = 2_000_000
-"""Limit of the archive's directory: a thousand bytes per member for its name and attributes."""
 LARGEST_INI_BYTES = 65_536
 LARGEST_LIST_BYTES = 2_000_000
 LARGEST_MEMBER_BYTES = 200_000_000
 LONGEST_VALUE = 1000
 _PERMITTED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _METHODS = {zipfile.ZIP_BZIP2: "bzip2", zipfile.ZIP_LZMA: "LZMA", 93: "Zstandard", 95: "xz"}
-_END, _END_BYTES, _LONGEST_COMMENT = b"PK\x05\x06", 22, 65_535
-"""End of the directory by APPNOTE 6.3.10, 4.3.16: its signature, its length, and the longest comment after it."""
-_LOCATOR, _LOCATOR_BYTES, _END_64_BYTES = b"PK\x06\x07", 20, 56
-"""Signature and length of the record before it in archives of ZIP64, and length of the record that precedes that one."""
 _SECTION = re.compile(r"\[(.+)\]")
 _ENTRY = re.compile(r"([^=]+)=(.+)")
 
 
 class PackageError(ValueError):
     """The package cannot be used; the message names the file, the key and what is expected."""
-
-
-def directory_bytes(path: Path) -> int:
-    """Bytes of an archive's directory as its end states them, the most if several ends can be meant; 0 without any."""
-    with path.open("rb") as file:
-        size = file.seek(0, io.SEEK_END)
-        file.seek(max(0, size - _LONGEST_COMMENT - _END_BYTES - _LOCATOR_BYTES - _END_64_BYTES))
-        tail = file.read()
-    stated = [0]
-    for end in re.finditer(re.escape(_END), tail):
-        stated.append(int.from_bytes(tail[end.start() + 12 : end.start() + 16], "little"))
-        locator = end.start() - _LOCATOR_BYTES
-        if locator >= _END_64_BYTES and tail.startswith(_LOCATOR, locator):
-            long = locator - _END_64_BYTES
-            stated[-1] = int.from_bytes(tail[long + 40 : long + 48], "little")
-    return max(stated)
 
 
 class Package:
@@ -74,14 +51,8 @@ class Package:
     def __init__(self, path: Path, name: str) -> None:
         self.name = name
         try:
-            if directory_bytes(path) > MOST_DIRECTORY_BYTES:
-                raise PackageError(
-                    f"'{name}' lists more than {MOST_DIRECTORY_BYTES} bytes of names of files; pack less"
-                )
             self.archive = zipfile.ZipFile(path)
-            members = [info for info in self.archive.infolist() if not info.filename.endswith("/")]
-        except PackageError:
-            raise
+            members = [info for info in self.archive.infolist() if not info.is_dir()]
         except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
             raise PackageError(f"'{name}' is not a zip archive ({error})") from error
         if len(members) > MOST_MEMBERS:
