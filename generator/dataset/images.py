@@ -14,6 +14,7 @@ from PIL import Image
 from generator.errors import GeneratorError
 from generator.frame.render import png_bytes
 from generator.reading.heif_file import heif_pixels
+from generator.reading.jpeg_scans import excess
 from generator.reading.jxl_header import jxl_shape
 from generator.reading.png_header import check_png
 from generator.reading.record import LARGEST_SIDE_PX
@@ -88,10 +89,12 @@ def photo(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8
     Raises
     ------
     GeneratorError
-        The photograph is damaged or of another size; or it is HEIF and pillow-heif is missing.
+        The photograph is damaged, of another size or of too many scans; or it is HEIF and pillow-heif is missing.
     """
     if data[4:8] == HEIF_MARK:
         return heif_pixels(data, shape)
+    if (too_many := excess(data)) is not None:
+        raise GeneratorError(f"a JPEG of {too_many}, which is not unpacked")
     try:
         with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
             # Nothing is unpacked before its size is known.

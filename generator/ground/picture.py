@@ -8,6 +8,7 @@ edge.
 from __future__ import annotations
 
 import io
+import struct
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from generator.ground.panorama import MOST_TEXELS, Bytes, Panorama, column_azimuths, cropped, row_altitudes
+from generator.reading.jpeg_scans import excess
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +26,18 @@ FORMATS = ("PNG", "TIFF", "JPEG", "WEBP")
 ROWS_AT_ONCE = 128
 WHOLE_COLUMN = 0.02
 """A rotation this close to whole columns moves them unchanged; for others, columns are interpolated."""
+DAMAGED = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    EOFError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    struct.error,
+    Image.DecompressionBombError,
+)
+"""Exceptions that Pillow raises for files that it cannot read."""
 
 
 class PictureError(ValueError):
@@ -36,8 +50,10 @@ def read_picture(data: bytes, name: str) -> Bytes:
     Raises
     ------
     PictureError
-        The picture has another format, too many pixels, or is damaged.
+        The picture has another format, too many pixels or scans, or is damaged.
     """
+    if (too_many := excess(data)) is not None:
+        raise PictureError(f"'{name}' is a JPEG of {too_many}, which are not read: save it anew")
     try:
         with warnings.catch_warnings():
             # Pillow warns of large pictures, which are refused below.
@@ -53,7 +69,7 @@ def read_picture(data: bytes, name: str) -> Bytes:
                 return np.array(image.convert("RGBA"))
     except PictureError:
         raise
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
+    except DAMAGED as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         wanted = ", ".join(FORMATS)
         raise PictureError(f"'{name}' cannot be read as a picture ({reason}); expected one of {wanted}") from error
