@@ -74,7 +74,7 @@ def read_linear(location: Path, name: str, most: float | None) -> LinearPicture:
     except DAMAGED as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise PictureError(f"'{name}' cannot be read as OpenEXR ({reason})") from error
-    colours = [found[key] for key in ("RGB" if "R" in found else "YYY")]
+    colours = [found[key] for key in ("RGB" if found.keys() >= {"R", "G", "B"} else "YYY")]
     alpha = found.get("A", np.ones_like(colours[0]))
     values = np.stack([*colours, alpha], axis=-1)
     if not np.isfinite(values).all() or values.min() < 0:

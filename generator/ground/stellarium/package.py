@@ -7,10 +7,12 @@ decompresses bzip2 and LZMA without a limit, and one read of a package of a kilo
 
 from __future__ import annotations
 
+import io
 import lzma
 import math
 import posixpath
 import re
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -18,6 +20,8 @@ from pathlib import Path
 INI = "landscape.ini"
 MOST_MEMBERS = 2000
 """Limit of the number of members; packages have some tens, with descriptions in many languages."""
+LARGEST_DIRECTORY_BYTES = 1000 * MOST_MEMBERS
+"""Limit of the list of members at the end of the archive, in which a member takes 46 bytes, its name and some attributes."""
 LARGEST_INI_BYTES = 65_536
 LARGEST_LIST_BYTES = 2_000_000
 LARGEST_MEMBER_BYTES = 200_000_000
@@ -32,6 +36,22 @@ class PackageError(ValueError):
     """The package cannot be used; the message names the file, the key and what is expected."""
 
 
+class _TooLongError(Exception):
+    """The list of members is longer than LARGEST_DIRECTORY_BYTES."""
+
+
+class _Listing(io.BufferedReader):
+    """An archive of which only a short list of members is read.
+
+    Python reads the list as one piece, makes objects of all its entries, whatever number of them is stated, and counts none.
+    """
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > LARGEST_DIRECTORY_BYTES:
+            raise _TooLongError
+        return super().read(size)
+
+
 class Package:
     """An open package.
 
@@ -44,17 +64,28 @@ class Package:
     Raises
     ------
     PackageError
-        The file is not a zip archive, has a file that is neither stored nor deflated, or does not have exactly one
-        landscape.ini.
+        The file is not a zip archive, has too many files or one that is neither stored nor deflated, or does not have
+        exactly one landscape.ini.
     """
 
     def __init__(self, path: Path, name: str) -> None:
         self.name = name
         try:
+            with _Listing(io.FileIO(path)) as stream, zipfile.ZipFile(stream):
+                pass
             self.archive = zipfile.ZipFile(path)
-            members = [info for info in self.archive.infolist() if not info.is_dir()]
-        except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+            entries = self.archive.infolist()
+        except _TooLongError:
+            raise PackageError(
+                f"'{name}' has a list of files of more than {LARGEST_DIRECTORY_BYTES} bytes; a landscape has at most "
+                f"{MOST_MEMBERS} files: pack one landscape's folder"
+            ) from None
+        except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError, struct.error) as error:
             raise PackageError(f"'{name}' is not a zip archive ({error})") from error
+        # Before Python 3.12, a member without a name cannot even be asked whether it is a folder.
+        if not all(info.filename for info in entries):
+            raise PackageError(f"'{name}' has a file without a name, so it is damaged: pack it again")
+        members = [info for info in entries if not info.is_dir()]
         if len(members) > MOST_MEMBERS:
             raise PackageError(f"'{name}' has {len(members)} files; a landscape has at most {MOST_MEMBERS}")
         for member in members:
