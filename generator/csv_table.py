@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ Floats = NDArray[np.float64]
 LARGEST_ROW_BYTES = 1024
 """Bytes per row, on average over a file; 64 columns of full double precision take less."""
 COMMENT = "#"
+_LINE = re.compile(r"[^\n]+")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -78,10 +80,12 @@ def read_csv(
     found = tuple(cell.strip() for cell in header.split(","))
     if columns is not None and found != tuple(columns):
         raise CsvError(f"'{name}', line {number}: found the columns {', '.join(found)}, expected {', '.join(columns)}")
-    rows = list(lines)
+    # A row in memory takes many times the bytes of a short line, so reading ends at the first one too many.
+    rows = list(islice(lines, most_rows + 1))
     convert = (first_column or {}).get(found[0])
     if not least_rows <= len(rows) <= most_rows:
-        raise CsvError(f"'{name}': found {len(rows)} rows of numbers, expected {least_rows} to {most_rows}")
+        count = f"more than {most_rows}" if len(rows) > most_rows else str(len(rows))
+        raise CsvError(f"'{name}': found {count} rows of numbers, expected {least_rows} to {most_rows}")
     try:
         converters: dict[int | str, Callable[[str], Any]] | None = None if convert is None else {0: convert}
         values = np.loadtxt([line for _, line in rows], delimiter=",", comments=None, ndmin=2, converters=converters)
@@ -114,7 +118,10 @@ def _lines(path: Path, name: str, most_rows: int) -> Iterator[tuple[int, str]]:
     except UnicodeDecodeError as error:
         raise CsvError(f"'{name}': not UTF-8 text ({error.reason} at byte {error.start})") from error
     header_seen = False
-    for number, line in enumerate(text.split("\n"), start=1):
+    number, counted = 1, 0
+    for found in _LINE.finditer(text):
+        number, counted = number + text.count("\n", counted, found.start()), found.start()
+        line = found[0]
         if line.strip() and (header_seen or not line.startswith(COMMENT)):
             header_seen = True
             yield number, line

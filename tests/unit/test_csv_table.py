@@ -1,6 +1,7 @@
 """Tables of numbers in CSV: read exactly, or refused with file, line, column and what is expected."""
 
 import os
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def test_seventeen_digits_give_the_same_double(tmp_path) -> None:
         ("az,el\n0,1\n", r"'a.csv', line 1: found the columns az, el, expected t, wx"),
         ("# note\nt\n0\n", r"'a.csv', line 2: found the columns t, expected t, wx"),
         ("t,wx\n", r"'a.csv': found 0 rows of numbers, expected 1 to 3"),
-        ("t,wx\n" + "0,0\n" * 4, r"'a.csv': found 4 rows of numbers, expected 1 to 3"),
+        ("t,wx\n" + "0,0\n" * 4, r"'a.csv': found more than 3 rows of numbers, expected 1 to 3"),
         ("t,wx\n0,0\n\n1,x y\n", r"'a.csv', line 4, column wx: found 'x y', expected a finite number"),
         ("t,wx\n0,0\n1,\n", r"'a.csv', line 3, column wx: found '', expected a finite number"),
         ("t,wx\n0,nan\n", r"line 2, column wx: found 'nan', expected a finite number"),
@@ -62,6 +63,19 @@ def test_seventeen_digits_give_the_same_double(tmp_path) -> None:
 def test_other_contents_are_refused_at_their_place(tmp_path, content, message) -> None:
     with pytest.raises(CsvError, match=message):
         read_csv(written(tmp_path, content), "a.csv", COLUMNS, most_rows=3, increasing=True)
+
+
+@pytest.mark.parametrize("line", [b"ab\n", b"\n"])
+def test_memory_is_not_taken_for_rows_beyond_the_limit(tmp_path, line) -> None:
+    """The text itself, and as much again while it is decoded; a list of its rows takes forty times that."""
+    path = written(tmp_path, b"t,wx\n" + line * 1_000_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(CsvError, match=r"'a\.csv': found (0|more than 5000) rows of numbers, expected 1 to 5000"):
+            read_csv(path, "a.csv", most_rows=5000)
+        assert tracemalloc.get_traced_memory()[1] < 4 * path.stat().st_size + 2_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_only_regular_files_are_opened(tmp_path) -> None:
