@@ -13,11 +13,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from generator.errors import GeneratorError
-from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
+from generator.reading.record import LARGEST_RECORD_BYTES, LARGEST_SIDE_PX, image_shape, read_record
 
-LARGEST_MEMBER_BYTES = 2_000_000_000
-"""Limit above the size of an image of the largest frame (16384 x 16384 pixels) with all its channels of expected
-electrons."""
 FREE_BYTES = 1_000_000
 """Bytes allowed for a member, however few pixels its frame has."""
 BYTES_PER_PIXEL = {
@@ -34,6 +31,11 @@ BYTES_PER_PIXEL = {
 }
 """Bytes per pixel allowed for a member beyond that: more than its pixels take without any compression; for expected electrons
 16 channels, for a video 256 frames."""
+LARGEST_MEMBER_BYTES = {
+    "json": LARGEST_RECORD_BYTES,
+    **{suffix: FREE_BYTES + each * LARGEST_SIDE_PX**2 for suffix, each in BYTES_PER_PIXEL.items()},
+}
+"""Limit of a member by its suffix, before its frame's number of pixels is known: what the largest frame is allowed."""
 EXTENDED_HEADERS = (b"L", b"K", b"x", b"X", b"g")
 """Types of headers that give long names and attributes of the next member, by GNU and by pax; names of frames need none."""
 SUFFIXES = (*BYTES_PER_PIXEL, "json")
@@ -234,8 +236,7 @@ def _checked(path: Path, member: tarfile.TarInfo) -> tuple[str, str]:
         raise _refused(path, member, "is not named like a frame's file")
     if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
         raise _refused(path, member, "is not a regular file")
-    largest = LARGEST_RECORD_BYTES if match[2] == "json" else LARGEST_MEMBER_BYTES
-    if not 0 <= member.size <= min(largest, path.stat().st_size):
+    if not 0 <= member.size <= min(LARGEST_MEMBER_BYTES[match[2]], path.stat().st_size):
         raise _refused(path, member, f"claims {member.size} bytes")
     return match[1], match[2]
 

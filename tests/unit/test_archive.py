@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 from unit.benchmark.fake_night import frame_record
 
-from generator.dataset.archive import StoredFrame, frame_places, read_frames, read_member
+from generator.dataset.archive import StoredFrame, check_sizes, frame_places, read_frames, read_member
 from generator.errors import GeneratorError
 
 RECORD = json.dumps(frame_record("frame-00009", 9, 3, 48.0, 11.0, 160, 120, 0, "fake night")).encode()
+
+LARGEST_RECORD = json.dumps(frame_record("frame-00000", 0, 3, 48.0, 11.0, 16384, 16384, 0, "fake night")).encode()
 
 
 def archive_of(
@@ -135,6 +137,32 @@ def test_a_member_larger_than_its_archive_is_refused(tmp_path) -> None:
     path.write_bytes(member.tobuf() + bytes(1024))
     with pytest.raises(GeneratorError, match="claims 1000000000 bytes"):
         list(read_frames(path))
+
+
+def hollow(path: Path, name: str, size: int) -> Path:
+    """An archive of one member that is a hole in its file."""
+    member = tarfile.TarInfo(name)
+    member.size = size
+    with path.open("wb") as stream:
+        stream.write(member.tobuf(tarfile.USTAR_FORMAT))
+        stream.truncate(tarfile.BLOCKSIZE * (3 + -(-size // tarfile.BLOCKSIZE)))
+    return path
+
+
+def test_expected_electrons_of_the_largest_frame_have_room(tmp_path) -> None:
+    """Three channels of single precision that hardly compress."""
+    size = 16384**2 * 3 * 4
+    path = hollow(tmp_path / "a.tar", "frame-00000.exr", size)
+    assert frame_places(path)["frame-00000"]["exr"].size == size
+    check_sizes(path, "frame-00000", {"exr": size}, LARGEST_RECORD)
+
+
+@pytest.mark.parametrize(("suffix", "size"), [("png", 1_000_000_000), ("json", 9_000_000)])
+def test_a_member_larger_than_any_frame_allows_is_refused(tmp_path, suffix, size) -> None:
+    path = hollow(tmp_path / "a.tar", f"frame-00000.{suffix}", size)
+    for read in (frame_places, lambda path: read_member(path, f"frame-00000.{suffix}")):
+        with pytest.raises(GeneratorError, match=rf"a\.tar: its member .* claims {size} bytes"):
+            read(path)
 
 
 @pytest.mark.parametrize(
