@@ -131,7 +131,9 @@ def tags(taken: Taken, spec: PhotoSpec) -> Image.Exif:
     where: dict[int, Any] = exif.get_ifd(GPS_IFD)
     if spec.gps:
         where[1], where[2] = "NS"[site.latitude_deg < 0], _sexagesimal(site.latitude_deg)
-        where[3], where[4] = "EW"[site.longitude_deg < 0], _sexagesimal(site.longitude_deg)
+        # The tag's range is 180 degrees to either side, the site's reaches once around from Greenwich.
+        east_deg = site.longitude_deg - 360 if site.longitude_deg > 180 else site.longitude_deg
+        where[3], where[4] = "EW"[east_deg < 0], _sexagesimal(east_deg)
         where[5], where[6] = bytes([site.height_m < 0]), _rational(abs(site.height_m), 100)
         seconds = true.second + true.microsecond / 1e6
         where[7] = (IFDRational(true.hour), IFDRational(true.minute), _rational(seconds, 1_000_000))

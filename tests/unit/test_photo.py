@@ -98,6 +98,18 @@ def test_tags_that_are_not_asked_for_are_absent() -> None:
     assert (taken[0x9003], taken[0x9291]) == ("2020:01:15 20:00:02", "500000")
 
 
+@pytest.mark.parametrize(
+    ("longitude_deg", "side", "size_deg"),
+    [(190.0, "W", 170.0), (359.5, "W", 0.5), (360.0, "E", 0.0), (180.0, "E", 180.0), (-180.0, "W", 180.0)],
+)
+def test_longitudes_are_within_half_a_circle_of_greenwich(longitude_deg, side, size_deg) -> None:
+    plan = plan_frame(small_scenario(site__longitude_deg=longitude_deg), 0)
+    how = Taken(plan.spec, plan.utc_start.isoformat(), plan.spec.attitude)
+    where = tags(how, PhotoSpec(gps=True)).get_ifd(0x8825)
+    degrees, minutes, seconds = (float(part) for part in where[4])
+    assert (where[3], degrees + minutes / 60 + seconds / 3600) == (side, pytest.approx(size_deg, abs=1e-7))
+
+
 def test_a_leap_second_is_shown_as_the_second_after() -> None:
     plan = plan_frame(small_scenario(time__utc_start="2016-12-31T23:59:60.25Z"), 0)
     how = Taken(plan.spec, plan.utc_start.isoformat(), plan.spec.attitude)
