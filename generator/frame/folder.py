@@ -136,7 +136,7 @@ class FrameFolder:
                 )
 
     def missing(self, exr: bool, layers: bool) -> list[int]:
-        """Indices of incomplete frames: those with a missing or altered file.
+        """Indices of incomplete frames: those with a missing or altered file, or with a table that cannot be read.
 
         If there are any, finished tables are split into single frames again, so that the folder does not look finished.
         Damaged tables are removed, because their rows are written again with the frames. Files that were listed but are
@@ -167,12 +167,11 @@ class FrameFolder:
             if receipt:
                 self._files[index] = [file for file in receipt if frame_index(file.path) == index]
                 intact |= {file.path for file in receipt if not file_problem(self.folder, file)}
+        with_rows = {index for index in range(self.scenario.frame_count) if self._has_rows(index)}
         incomplete = [
             index
             for index in range(self.scenario.frame_count)
-            if not (
-                self._whole(index, intact, exr, layers) and (finished or self._rows_file(index, STARS_FILE).is_file())
-            )
+            if not (self._whole(index, intact, exr, layers) and (finished or index in with_rows))
         ]
         if not finished:
             for name in (OBJECTS_FILE, STARS_FILE):
@@ -204,6 +203,21 @@ class FrameFolder:
 
     def _rows_file(self, index: int, table: str) -> Path:
         return self.folder / UNFINISHED / f"{frame_id(index)}.{table}"
+
+    def _has_rows(self, index: int) -> bool:
+        """Whether a frame's own tables are there; if one of them cannot be read, they are removed, to be made again."""
+        try:
+            for name in SCHEMAS:
+                if self._rows_file(index, name).is_file():
+                    self._rows(index, name).validate(full=True)
+        except (OSError, pa.ArrowException, ValueError, TypeError, LookupError):
+            # A frame without objects has no table of them, so the rows of the stars go first: they make a frame complete.
+            for name in (STARS_FILE, OBJECTS_FILE):
+                self._rows_file(index, name).unlink(missing_ok=True)
+        return self._rows_file(index, STARS_FILE).is_file()
+
+    def _rows(self, index: int, name: str) -> pa.Table:
+        return pq.read_table(self._rows_file(index, name), schema=SCHEMAS[name])
 
     def _take_apart(self) -> None:
         for name in (OBJECTS_FILE, STARS_FILE):  # the rows of the stars come last, because they make a frame complete
@@ -256,9 +270,8 @@ class FrameFolder:
 
     def _tables(self, name: str) -> Iterator[pa.Table]:
         for index in range(self.scenario.frame_count):
-            path = self._rows_file(index, name)
-            if path.is_file():
-                yield pq.read_table(path, schema=SCHEMAS[name])
+            if self._rows_file(index, name).is_file():
+                yield self._rows(index, name)
 
 
 def frame_id(index: int) -> str:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from benchmark.cli.app import app
 from generator.errors import GeneratorError
 from generator.frame import render as render_module
-from generator.frame.folder import IMU_FILE, OBJECTS_FILE, STARS_FILE, UNFINISHED
+from generator.frame.folder import IMU_FILE, OBJECTS_FILE, STARS_FILE, UNFINISHED, FrameFolder
 from generator.frame.manifest import FRAMES_MANIFEST
 from generator.frame.render import render_dataset
 from generator.frame.verify import problems
@@ -159,6 +159,45 @@ def test_damage_between_an_interruption_and_the_next_run_is_mended(scenario, who
     flip(tmp_path / "out" / "frame-00000.png")
     render_dataset(scenario, tmp_path / "out")
     assert fingerprint(tmp_path / "out") == fingerprint(whole)
+
+
+@pytest.mark.parametrize("finished", [False, True])
+@pytest.mark.parametrize("name", [STARS_FILE, OBJECTS_FILE])
+@pytest.mark.parametrize("wound", [cut, lambda path: path.write_bytes(b""), lambda path: path.write_bytes(b"no table")])
+def test_a_frame_with_a_damaged_table_in_an_unfinished_folder_is_made_again(
+    scenario, whole, tmp_path, copy, finished, name, wound
+) -> None:
+    def stop(index: int) -> None:
+        if index == 1:
+            raise KeyboardInterrupt
+
+    folder = copy if finished else tmp_path / "out"
+    if finished:  # its tables are split into single frames again, to mend one of them
+        (folder / "frame-00001.png").unlink()
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(scenario, folder, stop)
+    table = folder / UNFINISHED / f"frame-00000.{name}"
+    assert table.is_file()
+    wound(table)
+    again: list[int] = []
+    render = render_module.render_frame
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            render_module, "render_frame", lambda *given, **more: again.append(given[1]) or render(*given, **more)
+        )
+        render_dataset(scenario, folder)
+    assert again == ([0] if finished else [0, 2])
+    assert fingerprint(folder) == fingerprint(whole)
+
+
+def test_a_damaged_table_of_a_frame_without_objects_is_removed(scenario, tmp_path) -> None:
+    """It would be read with the others in the end, because the frame does not write one."""
+    folder = FrameFolder(tmp_path / "out", scenario)
+    folder.open(overwrite=False)
+    (folder.folder / UNFINISHED).mkdir()
+    (folder.folder / UNFINISHED / f"frame-00000.{OBJECTS_FILE}").write_bytes(b"no table")
+    assert folder.missing(exr=False, layers=False) == [0, 1, 2]
+    assert not list((folder.folder / UNFINISHED).iterdir())
 
 
 def test_a_folder_keeps_the_kinds_of_files_that_it_has(scenario, copy) -> None:
