@@ -1,11 +1,11 @@
 """Write the tables of the rounds into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
 
 The table of the latest round answers two questions on the same frames: how many places each solver finds with its own
-detector, and how many it finds with the detections that all solvers share. Beside each is the share of frames with a fix of
-whose named stars most are right; a dash means that the solver names none, and its error over bound and NEES are of its fixes
-within 10 km. Solvers scored with `--later`, whose revision is not the committed one, have "(later)" behind their name. Tables of
-earlier rounds answer the first question only and omit times, which were measured on busy machines; one table has the success of
-some solvers in all rounds. `--check` writes nothing and fails if a page has another table.
+detector, and how many it finds with the detections that all solvers share. Beside each is the share of frames with a fix
+of whose named stars most are right; a dash means that the solver names none, and its error over bound and NEES are of its
+fixes within 10 km. Solvers scored with `--later`, whose revision is not the committed one, have "(later)" behind their
+name. Tables of earlier rounds answer the first question only and omit times, which were measured on busy machines; one
+table has the success of some solvers in all rounds. `--check` writes nothing and fails if a page has another table.
 """
 
 from __future__ import annotations

@@ -29,8 +29,11 @@ _MOST_OVERHEAD, _MOST_TAGS = 2, 64_000_000
 # Largest number of scans in a JPEG. Progressive pictures have some ten; even one scan per coefficient bit gives fewer than
 # a hundred.
 _MOST_SCANS = 100
-# In the data of a scan, 0xFF is followed by zero or a restart code; otherwise it starts a marker (ITU-T T.81, B.1.1).
-_MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
+# Largest number of segments between them, each of which takes time; profiles and previews have some hundred.
+_MOST_SEGMENTS = 20_000
+# Markers that begin a segment, a scan or the end (ITU-T T.81, B.1.1). Others have no length: restarts, 0xFF 0x01, and 0xFF
+# before zero, which is a value of a scan; of a run of 0xFF the last one counts, so that the search is linear.
+_MARKER = re.compile(rb"\xff[\xc0-\xcf\xd9-\xef\xfe]")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 RAW_SUFFIXES = {
     ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf",
@@ -192,17 +195,20 @@ def _refuse_large(path: str | Path, width: int, height: int) -> None:
 
 def _refuse_scans(path: str | Path) -> None:
     """Refuse a JPEG with more scans than any program writes, since each costs a pass over all pixels."""
-    data, place = Path(path).read_bytes(), 2
-    for _ in range(_MOST_SCANS + 1):
-        # Skip the segments up to the next scan by their stated lengths.
-        while (marker := _MARKER.search(data, place)) and data[marker.end() - 1] != _START_OF_SCAN:
-            if data[marker.end() - 1] == _END_OF_IMAGE:
-                return
-            place = marker.end() + max(2, int.from_bytes(data[marker.end() : marker.end() + 2], "big"))
-        if marker is None:
+    data, place, scans = Path(path).read_bytes(), 2, 0
+    for _ in range(_MOST_SEGMENTS):
+        marker = _MARKER.search(data, place)
+        if marker is None or data[marker.end() - 1] == _END_OF_IMAGE:
             return
         place = marker.end()
-    raise ImageError(f"image {path} has more than {_MOST_SCANS} scans: save it anew")
+        if data[place - 1] != _START_OF_SCAN:
+            # Segments are skipped by their stated lengths: previews in them have scans of their own.
+            place += max(2, int.from_bytes(data[place : place + 2], "big"))
+            continue
+        scans += 1
+        if scans > _MOST_SCANS:
+            raise ImageError(f"image {path} has more than {_MOST_SCANS} scans: save it anew")
+    raise ImageError(f"image {path} has more than {_MOST_SEGMENTS} segments: save it anew")
 
 
 def read_mask(path: str, shape: tuple[int, ...] | None = None) -> Mask:

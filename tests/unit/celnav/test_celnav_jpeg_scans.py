@@ -46,3 +46,20 @@ def test_a_file_of_several_pictures_is_no_way_around_the_limit(tmp_path, monkeyp
     monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("the picture was decoded"))
     with pytest.raises(ImageError, match=r"a\.jpg has more than 100 scans: save it anew"):
         read_image(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("filler", [b"\xff" * 200_000, b"\xff\x01" * 50_000])
+def test_fillers_neither_cost_time_nor_hide_scans(tmp_path, filler) -> None:
+    """Runs of 0xFF, in which a search may begin anew at each byte, and markers without a length before the scans."""
+    data = picture(progressive=True)
+    last = data.rindex(b"\xff\xda")
+    (tmp_path / "a.jpg").write_bytes(data[:last] + filler + data[last:-2] * 200 + b"\xff\xd9")
+    with pytest.raises(ImageError, match=r"a\.jpg has more than 100 scans: save it anew"):
+        read_image(tmp_path / "a.jpg")
+
+
+def test_a_picture_of_endless_segments_is_refused(tmp_path) -> None:
+    data = picture()
+    (tmp_path / "a.jpg").write_bytes(data[:2] + b"\xff\xfe\x00\x02" * 30_000 + data[2:])
+    with pytest.raises(ImageError, match=r"a\.jpg has more than 20000 segments: save it anew"):
+        read_image(tmp_path / "a.jpg")
