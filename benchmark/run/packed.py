@@ -94,7 +94,8 @@ _DIGITS = {
     "moon_altitude_deg": 24,
     "moon_illuminated": 24,
 }
-"""Binary digits that are kept. 24 are single precision: 4 mm for an error of 1 km, 1 µs for a time of 50 ms."""
+"""Binary digits that are kept: 18 are 4 to 8 mm of an error of about 1 km, 16 are 1 µs of a time of 50 ms, 24 are single
+precision."""
 _HASHES = ("image_sha256", "truth_sha256")
 _KEY = re.compile(f"[0-9a-f]{{{KEY_DIGITS}}}")
 

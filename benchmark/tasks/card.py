@@ -25,7 +25,8 @@ _IMAGES = {"raw": "", "photo": " (the luma of the developed JPEG)"}
 LICENCES = {"CC-BY-4.0": "[CC BY 4.0](https://creativecommons.org/licenses/by/4.0/)"}
 LIMITS = (
     "The frames are synthetic; each physical model has its own limits (docs/physics.md of skybench).",
-    "Success on one graded quantity says nothing about another; the other properties of the frames are deliberately easy.",
+    "Success on one graded quantity says nothing about another; the other properties of the frames are those of one "
+    "camera and use, easy or not.",
     "Seeds of both splits are public. A result on `test` therefore relies on its author's honesty or on a set without truth.",
 )
 
@@ -48,7 +49,8 @@ def card(task: Task) -> str:
         "solvers receive": f"the image{_IMAGES[definition.image]}, the camera, the time of mid-exposure, the attitude, "
         + f"pressure and temperature of the air{_instruments(task)}",
         "score": f"`{metric.name}`: share of frames with a fix within {_limit(task)}; {metric.better} is better; 95 % "
-        + f"intervals within ±{definition.half_width_points} points at one condition, clustered by site",
+        + f"intervals (Wilson's, of independent frames) within ±{definition.half_width_points} points at one condition; those of "
+        + "the pages, clustered by site, are up to 1 point wider",
         "licence of the frames": LICENCES[definition.licence],
         "run": f"`skybench bench run {definition.name} --solver NAME`",
         "cite": f"skybench {__version__}, task {task.label}, SHA-256 {task.sha256}",
