@@ -49,8 +49,8 @@ def card(task: Task) -> str:
         "solvers receive": f"the image{_IMAGES[definition.image]}, the camera, the time of mid-exposure, the attitude, "
         + f"pressure and temperature of the air{_instruments(task)}",
         "score": f"`{metric.name}`: share of frames with a fix within {_limit(task)}; {metric.better} is better; 95 % "
-        + f"intervals (Wilson's, of independent frames) within ±{definition.half_width_points} points at one condition; those "
-        + "of the pages, clustered by site, are up to 1 point wider",
+        + f"intervals (Wilson's, of independent frames) within ±{definition.half_width_points} points at one condition; "
+        + "those of the pages, clustered by site, are up to 1 point wider",
         "licence of the frames": LICENCES[definition.licence],
         "run": f"`skybench bench run {definition.name} --solver NAME`",
         "cite": f"skybench {__version__}, task {task.label}, SHA-256 {task.sha256}",
