@@ -12,7 +12,7 @@ Patterns in ``rows`` match names of rows of the leaderboard, ``TASK@REVISION/SPL
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache
@@ -154,11 +154,6 @@ def stamp_file(root: Path, path: Path, rows: Rows, measured: bool) -> int:
     if changed:
         path.write_text(text, encoding="utf-8")
     return changed
-
-
-def mark_of(root: Path, by: str, of: Mapping[str, str | None], sources: Iterable[Path]) -> Mark:
-    """Make the mark of numbers that were taken from files."""
-    return Mark(by, of, {_name(root, path): source_digest(path) for path in sources})
 
 
 def mark_of_today(by: str, name: str, source: Path) -> tuple[Mark, str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from benchmark.report.site.boards import Board, conditions_of
-from benchmark.report.site.frame_source import rendered_id
+from benchmark.report.site.frame_source import is_frame_id
 from benchmark.stats.frame_metrics import errors_km, succeeded
 from benchmark.stats.metrics import ERROR, FIX
 
@@ -91,22 +91,9 @@ def worst_first(board: Board, failures: Sequence[Failure]) -> list[Failure]:
 
 
 def pictured_frames(board: Board, failures: Sequence[Failure], most: int) -> list[str]:
-    """Ids of the frames that are shown with pictures, for at most `most` pictures; the worst first.
-
-    Levels of a task that only differ in what solvers are told share their picture.
-    """
-    chosen: list[str] = []
-    known: set[str] = set()
-    pictures: set[str] = set()
-    for failure in worst_first(board, failures):
-        rendered = rendered_id(failure.frame_id)
-        full = rendered not in pictures and len(pictures) >= most
-        if rendered is None or full or failure.frame_id in known:
-            continue
-        known.add(failure.frame_id)
-        pictures.add(rendered)
-        chosen.append(failure.frame_id)
-    return chosen
+    """Ids of the frames that are shown with pictures, at most `most`; the worst first."""
+    ids = dict.fromkeys(failure.frame_id for failure in worst_first(board, failures))
+    return [frame_id for frame_id in ids if is_frame_id(frame_id)][:most]
 
 
 def listed(board: Board, failures: Sequence[Failure]) -> dict[str, Any]:

@@ -30,15 +30,13 @@ from generator.identity.pixels import pixels_sha256
 from generator.reading.table import check_claims
 
 MOST_STARS = 200
-# A task that varies what solvers are told has several frame ids per picture, which end with the level.
-_FRAME_ID = re.compile(r"(frame-[0-9]{5,8})(-[0-9]{1,2})?")
+_FRAME_ID = re.compile(r"frame-[0-9]{5,8}")
 _STAR_COLUMNS = ("frame_id", "u_px", "v_px", "electrons_e", "snr")
 
 
-def rendered_id(frame_id: str) -> str | None:
-    """Id of the frame as it was rendered; None for anything that is not the id of a frame."""
-    found = _FRAME_ID.fullmatch(frame_id)
-    return found.group(1) if found else None
+def is_frame_id(frame_id: str) -> bool:
+    """Whether a name is the id of a frame, so that it can be a file's name; results of strangers may contain any."""
+    return _FRAME_ID.fullmatch(frame_id) is not None
 
 
 @dataclass(frozen=True)
@@ -61,10 +59,10 @@ class FrameSource:
         ResultsError
             The image is damaged.
         """
-        rendered, place = rendered_id(frame_id), self._place(result)
-        if rendered is None or place is None:
+        place = self._place(result)
+        if place is None or not is_frame_id(frame_id):
             return None
-        image = place.images / f"{rendered}.png"
+        image = place.images / f"{frame_id}.png"
         if not image.is_file():
             return None
         try:
@@ -83,12 +81,12 @@ class FrameSource:
             A table of stars is damaged.
         """
         place = self._place(result)
-        rendered = {frame_id: found for frame_id in frame_ids if (found := rendered_id(frame_id))}
-        if place is None or not rendered:
+        known_ids = sorted({frame_id for frame_id in frame_ids if is_frame_id(frame_id)})
+        if place is None or not known_ids:
             return {}
         tables, seen = [], set[str]()
         for path in place.star_tables():
-            wanted = [("frame_id", "in", sorted(set(rendered.values()))), ("snr", ">=", TRACE_SNR)]
+            wanted = [("frame_id", "in", known_ids), ("snr", ">=", TRACE_SNR)]
             try:
                 check_claims(path)
                 table = pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas()
@@ -105,7 +103,7 @@ class FrameSource:
             known = stars["electrons_e"].notna().all()  # for photographs they may be unknown
             brightest = stars.nlargest(MOST_STARS, "electrons_e" if known else "snr")
             places[str(name)] = list(zip(brightest["u_px"].tolist(), brightest["v_px"].tolist(), strict=True))
-        return {frame_id: places[name] for frame_id, name in rendered.items() if name in places}
+        return places
 
     def _place(self, result: StoredResult) -> _Place | None:
         """Find the folder of a result's frames, if there is one."""

@@ -13,7 +13,7 @@ from benchmark.judge.outcome import DetectionRow
 from benchmark.report.overlay import Overlay, draw_overlay
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.failures import Failure, pictured_frames
-from benchmark.report.site.frame_source import FrameSource, rendered_id
+from benchmark.report.site.frame_source import FrameSource
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 
@@ -33,7 +33,7 @@ class Pictures:
     Attributes
     ----------
     frames : dict of str to str
-        By the id of the frame as it was rendered.
+        By the id of the frame.
     overlays : dict of (int, str) to str
         By the index of the solver on the board and the id of the frame.
     at_hand : bool
@@ -87,15 +87,12 @@ def write_pictures(
     frames: dict[str, str] = {}
     chosen = pictured_frames(board, failures, most)
     for frame_id in chosen:
-        rendered = rendered_id(frame_id)
-        if rendered is None or rendered in frames:
-            continue
-        place = images / f"{rendered}.webp"
+        place = images / f"{frame_id}.webp"
         picture = source.picture(stored, frame_id, PICTURE_WIDTH_PX)
         if picture is None:
             return Pictures()
         write_into(site, place.as_posix(), picture)
-        frames[rendered] = place.as_posix()
+        frames[frame_id] = place.as_posix()
     stars = source.true_stars(stored, chosen)
     overlays: dict[tuple[int, str], str] = {}
     for place, mine in itertools.groupby(failures, key=lambda failure: failure.entry):
@@ -124,7 +121,7 @@ def worst_cards(board: Board, pictures: Pictures) -> list[Card]:
     cards = []
     for place, entry in enumerate(board.entries):
         worst = entry.worst
-        image = pictures.frames.get(rendered_id(worst.frame_id) or "") if worst else None
+        image = pictures.frames.get(worst.frame_id) if worst else None
         if worst is None or image is None:
             continue
         frames = entry.stored.frames

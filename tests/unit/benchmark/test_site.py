@@ -322,7 +322,7 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     (folder / "unpacked").mkdir(parents=True)
     pixels = np.random.default_rng(np.random.SeedSequence(5)).integers(90, 130, (40, 60)).astype(np.uint16)
     Image.fromarray(pixels).save(folder / "unpacked" / "frame-00003.png")
-    picture = FrameSource(tmp_path).picture(result, "frame-00003-2", 640)  # level 2 of the same picture
+    picture = FrameSource(tmp_path).picture(result, "frame-00003", 640)
     assert picture[8:12] == b"WEBP"
     for stated, shown in ((pixels_sha256(pixels), True), (pixels_sha256(pixels + 1), False)):
         told = dataclasses.replace(result, frames=result.frames.assign(image_sha256=stated, truth_sha256=None))
@@ -337,18 +337,20 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     }
     pq.write_table(pa.table(stars), folder / "stars" / "dev" / "shard-000000.parquet")
     (folder / "stars" / "dev" / ".shard-000001-of_a_killed_run.parquet").write_bytes(b"PAR1")
-    assert FrameSource(tmp_path).true_stars(result, ["frame-00003-2"]) == {"frame-00003-2": [(2.0, 5.0)]}
+    assert FrameSource(tmp_path).true_stars(result, ["frame-00003"]) == {"frame-00003": [(2.0, 5.0)]}
     # A choice of few frames has tables of its own, which repeat frames of the whole shards or are alone.
     for number, table in (("04", stars), ("05", stars | {"frame_id": ["frame-00005"] * 3})):
         place = folder / "beginnings" / number / "stars" / "dev"
         place.mkdir(parents=True)
         pq.write_table(pa.table(table), place / "shard-000000.parquet")
-    found = FrameSource(tmp_path).true_stars(result, ["frame-00003-2", "frame-00005"])
-    assert found == {"frame-00003-2": [(2.0, 5.0)], "frame-00005": [(3.0, 6.0), (2.0, 5.0)]}
+    found = FrameSource(tmp_path).true_stars(result, ["frame-00003", "frame-00005"])
+    assert found == {"frame-00003": [(2.0, 5.0)], "frame-00005": [(3.0, 6.0), (2.0, 5.0)]}
     (folder / "unpacked" / "frame-00003.png").write_bytes(b"no picture")
     with pytest.raises(ResultsError, match="not a readable image"):
         FrameSource(tmp_path).picture(result, "frame-00003", 640)
-    assert FrameSource(tmp_path).picture(result, "../../secret", 640) is None
+    for other in ("../../secret", "frame-00003-2"):
+        assert FrameSource(tmp_path).picture(result, other, 640) is None
+        assert FrameSource(tmp_path).true_stars(result, [other]) == {}
 
 
 def test_tables_beside_the_stars_of_a_rendered_folder_are_not_read_as_stars(root, tmp_path):

@@ -11,7 +11,7 @@ from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
 from benchmark.report import stale
 from benchmark.report.marks import Mark, find_marks, older_digest, sentence_of
-from benchmark.report.stale import check_marks, mark_of, revision_today, source_digest, stamp_file
+from benchmark.report.stale import check_marks, revision_today, source_digest, stamp_file
 from benchmark.run.freshness import Age, Origin, State, Today, age_of, today
 from benchmark.solvers.registry import solver_folder
 
@@ -36,7 +36,8 @@ def write(root: Path, mark: Mark, sentence: str) -> Path:
 
 
 def marked(root: Path, revision: str | None, sentence: str) -> Path:
-    return write(root, mark_of(root, COMMAND, {"skybench": revision}, [root / "results" / "study.json"]), sentence)
+    sources = {"results/study.json": source_digest(root / "results" / "study.json")}
+    return write(root, Mark(COMMAND, {"skybench": revision}, sources), sentence)
 
 
 def test_numbers_of_todays_code_pass(root: Path) -> None:
