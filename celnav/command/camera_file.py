@@ -20,6 +20,7 @@ from celnav import projection
 from celnav.camera import FISHEYE, Camera
 from celnav.command.platepar import has_distortion, lens_of_platepar
 from celnav.errors import CameraError
+from celnav.reading.camera_yaml import parse_yaml
 
 MAX_BYTES = 16_000_000
 _MOST_NUMBERS = 1000
@@ -160,9 +161,6 @@ def _json_or_yaml(text: str, is_json: bool) -> object:
         except ValueError:
             if is_json:
                 raise
-    # Only camera files in YAML need its parser, whose import takes time.
-    from celnav.reading.camera_yaml import parse_yaml
-
     return parse_yaml(text)
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Any
-
-import yaml
 
 _CORE = "tag:yaml.org,2002:"
 _OPENCV = f"{_CORE}opencv-matrix"
@@ -25,44 +24,6 @@ _NUMBERS = (
 _REPLACED = {f"{_CORE}{name}" for name in ("int", "float", "timestamp")}
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe loader with the one tag that OpenCV writes, and without aliases, which can expand 400 bytes to gigabytes."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-        problem = ""
-        if isinstance(event, yaml.AliasEvent):
-            problem = f"the alias *{event.anchor} is not read: write its value in its place"
-        elif isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent) and event.tag not in (None, _OPENCV):
-            tag = str(event.tag).replace(_CORE, "!!", 1)[:40]
-            problem = f"the tag {tag} is not read: leave only the value"
-        if problem:
-            raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
-        return super().compose_node(parent, index)
-
-
-def _matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-def _refuse_leading_zero(loader: _Loader, node: yaml.ScalarNode) -> Any:
-    del loader
-    sign = "-" if node.value[0] == "-" else ""
-    digits = node.value.lstrip("+-0") or "0"
-    problem = f"found {node.value[:40]}, which YAML may read as octal: write {sign}{digits[:40]}"
-    raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
-
-
-_Loader.yaml_implicit_resolvers = {
-    letter: [(tag, pattern) for tag, pattern in resolvers if tag not in _REPLACED]
-    for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-for _tag, _pattern, _first in _NUMBERS:
-    _Loader.add_implicit_resolver(_tag, _pattern, list(_first))
-_Loader.add_constructor(_LEADING_ZERO, _refuse_leading_zero)
-_Loader.add_constructor(_OPENCV, _matrix)
-
-
 def parse_yaml(text: str) -> object:
     """Return the content of a YAML text.
 
@@ -72,12 +33,53 @@ def parse_yaml(text: str) -> object:
         The text is no YAML, or has an alias, a tag other than OpenCV's, or a number with a leading zero; the message names
         the line.
     """
+    import yaml
+
     # OpenCV writes "%YAML:1.0", which is not a YAML directive.
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
     try:
-        return yaml.load(text, Loader=_Loader)
+        return yaml.load(text, Loader=_loader())
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error)
         raise ValueError(f"{problem}" + (f" in line {mark.line + 1}" if mark else "")) from None
+
+
+@functools.cache
+def _loader() -> Any:
+    """Safe loader with the one tag that OpenCV writes, and without aliases, which can expand 400 bytes to gigabytes."""
+    import yaml  # only cameras in YAML need it
+
+    class Loader(yaml.SafeLoader):
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+            problem = ""
+            if isinstance(event, yaml.AliasEvent):
+                problem = f"the alias *{event.anchor} is not read: write its value in its place"
+            elif isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent) and event.tag not in (None, _OPENCV):
+                tag = str(event.tag).replace(_CORE, "!!", 1)[:40]
+                problem = f"the tag {tag} is not read: leave only the value"
+            if problem:
+                raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
+            return super().compose_node(parent, index)
+
+    def matrix(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+        return loader.construct_mapping(node, deep=True)
+
+    def refuse_leading_zero(loader: Loader, node: yaml.ScalarNode) -> Any:
+        del loader
+        sign = "-" if node.value[0] == "-" else ""
+        digits = node.value.lstrip("+-0") or "0"
+        problem = f"found {node.value[:40]}, which YAML may read as octal: write {sign}{digits[:40]}"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+
+    Loader.yaml_implicit_resolvers = {
+        letter: [(tag, pattern) for tag, pattern in resolvers if tag not in _REPLACED]
+        for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    for tag, pattern, first in _NUMBERS:
+        Loader.add_implicit_resolver(tag, pattern, list(first))
+    Loader.add_constructor(_LEADING_ZERO, refuse_leading_zero)
+    Loader.add_constructor(_OPENCV, matrix)
+    return Loader

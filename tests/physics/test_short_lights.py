@@ -118,16 +118,20 @@ def test_flashes_that_cannot_be_resolved_are_refused() -> None:
 
 
 def test_a_trail_is_lit_between_its_horizons() -> None:
-    """From 20 deg below the horizon to 20 deg above it in 20 s, half of them dark; others stay below or start too late."""
+    """From 20 deg below the horizon to 20 deg above it in 20 s, half of them dark; another stays below it."""
     rising = ACROSS | {
         "start": {"azimuth_deg": 180.0, "altitude_deg": -20.0}, "end": {"azimuth_deg": 180.0, "altitude_deg": 20.0},
         "start_s": 5.0, "end_s": 25.0,
     }  # fmt: skip
     never = rising | {"end": {"azimuth_deg": 170.0, "altitude_deg": -5.0}}
-    objects = planned(50.0, rising, never, rising | {"start_s": 70.0, "end_s": None})
+    objects = planned(50.0, rising, never)
     assert objects.lit[0] == pytest.approx([15 / 50, 25 / 50])
-    assert objects.shining.tolist() == [True, False, False]
+    assert objects.shining.tolist() == [True, False]
     assert np.isfinite(objects.directions).all()
+    with pytest.raises(
+        ScenarioError, match=r"foreground.trails.0.start_s: 70 s is not before the end of the exposure, 50 s"
+    ):
+        planned(50.0, rising | {"start_s": 70.0, "end_s": None})
 
 
 def test_a_train_crosses_the_sky_once() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from celnav import Attitude, Pointing
-from celnav.command.attitude_option import _KEYS, read_attitude
+from celnav.command.attitude_option import read_attitude
 from celnav.command.checks.remedies import ATTITUDE_KEYS, ATTITUDE_NAMES, naming_attitudes
 from celnav.errors import AttitudeError
 
@@ -108,7 +108,7 @@ def test_what_is_no_file_is_told_what_the_option_may_be(text) -> None:
     assert message.startswith(f"cannot read attitude file {text}")
     assert "zenith, zenith-north-up" in message
     assert "azimuth=, altitude=, roll=" in message
-    assert ATTITUDE_KEYS == _KEYS
+    assert all(f"{key}=" in message for key in ATTITUDE_KEYS)
     for name in ATTITUDE_NAMES:
         read_attitude(name, up=(0.0, 0.0, 1.0))
 
