@@ -28,6 +28,7 @@ from benchmark.run.provenance import blanks
 from benchmark.solvers.celnav_solver import answer_of
 from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.tasks import definition
+from benchmark.tasks.card import card
 from benchmark.tasks.definition import FOLDER, Instruments, load_task, task_names, widest_half_width_points
 from generator.dataset.archive import read_frames as read_archive
 from generator.seeds import random_stream
@@ -74,6 +75,13 @@ def test_every_task_is_whole(name):
 def test_splits_of_all_tasks_have_seeds_of_their_own():
     seeds = [split.seed for name in task_names() for split in load_task(name).definition.splits.values()]
     assert len(set(seeds)) == len(seeds) == 2 * len(FROZEN)
+
+
+def test_a_card_says_whose_intervals_its_half_width_is_of() -> None:
+    """Wilson's of independent frames; those of the pages, by site, are wider."""
+    (score,) = (line for line in card(load_task("city")).splitlines() if line.startswith("| score"))
+    assert "(Wilson's, of independent frames) within ±14.8 points" in score
+    assert "those of the pages, clustered by site, are up to 1 point wider" in score
 
 
 def test_cards_are_those_of_the_tasks() -> None:
