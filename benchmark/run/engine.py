@@ -1,6 +1,6 @@
 """The engine: puts frames to solver sessions, judges the answers and stores the results.
 
-A finished result is found by its path and left alone; an interrupted run resumes where it stopped.
+A finished result, raw or packed, is found by its path and left alone; an interrupted run resumes where it stopped.
 """
 
 from __future__ import annotations
@@ -25,25 +25,15 @@ from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.outcome import SolverOutcome
 from benchmark.provenance import now_utc
 from benchmark.run.contestants import Contestant, SolverChoice, contestant_of
+from benchmark.run.finished import finished, finished_raw
 from benchmark.run.identities import Recorded, check_identity, recorded_identities
 from benchmark.run.journal import Journal
-from benchmark.run.provenance import DetectionsMode, RunProvenance, provenance_of
+from benchmark.run.provenance import DetectionsMode, provenance_of
 from benchmark.run.renewal import earlier_row, frames_as_before, outcome_before, raw_folders, renewed
-from benchmark.run.result_tables import scores_of
-from benchmark.run.results import (
-    FRAMES_NAME,
-    SUMMARY_NAME,
-    check_writable,
-    read_summary,
-    read_table,
-    result_folder,
-    write_result,
-    writing,
-)
+from benchmark.run.results import check_writable, result_folder, write_result, writing
 from benchmark.run.sessions import Session, SessionPool, asked_together, session_pool
 from benchmark.run.shared_detections import shared_detections
-from benchmark.stats.frame_metrics import success_limit_km
-from benchmark.stats.metrics import Summary, summarise
+from benchmark.stats.metrics import Summary
 
 _NO_CHOICE = FrameChoice()
 
@@ -67,7 +57,7 @@ class SolverRun:
     ----------
     solver : str
     folder : Path
-        Folder of its result.
+        Folder of its result, whether it exists or is packed.
     summary : Summary
     n_solved : int
         Frames that were solved in this run: 0 where the result was finished before, fewer than all where a run resumed.
@@ -234,11 +224,11 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
     facts = contestant.facts(found.pool.version, found.detections)
     source = provenance_of(contestant.name, facts, frames.facts, found.detections, found.pool.jobs)
     folder = result_folder(out, contestant.name, source)
-    if contestant.settled and finished(folder, source):
+    # Renewal is asked for rows that are to be made, and takes their packed answers over itself.
+    existing = (finished_raw if found.renew else finished)(out, contestant.name, source) if contestant.settled else None
+    if existing is not None:
         progress(len(frames.frames))
-        scores = scores_of(read_table(folder / FRAMES_NAME))
-        summary = summarise(scores, success_limit_km(frames.facts.metric))
-        return SolverRun(contestant.name, folder, summary, 0, time.monotonic() - started)
+        return SolverRun(contestant.name, folder, existing, 0, time.monotonic() - started)
     ids = [frame.frame_id for frame in frames.frames]
     stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}
     journal = Journal(folder, stamp, contestant.settled)
@@ -331,19 +321,3 @@ def outcomes(
                 yield from judged
         finally:
             threads.shutdown(wait=True, cancel_futures=True)
-
-
-def finished(folder: Path, wanted: RunProvenance) -> bool:
-    """Whether a result of at least as many frames as wanted exists; one that consists of errors alone does not count.
-
-    Raises
-    ------
-    ResultsError
-        Its summary is damaged.
-    """
-    path = folder / SUMMARY_NAME
-    if not path.is_file():
-        return False
-    stored = read_summary(path)
-    enough = (stored.provenance.frames.per_condition or 0) >= (wanted.frames.per_condition or 0)
-    return enough and stored.n_errors < stored.n_frames

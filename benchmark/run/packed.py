@@ -220,6 +220,12 @@ def read_packed(listing: Path) -> list[PackedRow]:
     return found
 
 
+def packed_rows(out: Path, place: Path) -> list[PackedRow]:
+    """Read the packed results on a part of some frames (``LABEL/PART``) in a tree; none where it has none."""
+    listing = out / place.with_name(f"{place.name}.json")
+    return read_packed(listing) if listing.is_file() else []
+
+
 def _folder_of(row: Mapping[str, Any]) -> tuple[str, str, str]:
     """Solver, mode of detections and key of a listed row, which become parts of file names. Raises ValueError."""
     solver, detections, key = str(row["solver"]), str(row["detections"]), str(row["key"])

@@ -21,7 +21,7 @@ from benchmark.frames.identity import UNKNOWN, FrameIdentity
 from benchmark.frames.sites import counted_site
 from benchmark.judge.outcome import FrameDetails, SolverOutcome
 from benchmark.run.identities import identities_in
-from benchmark.run.packed import PackedRow, read_packed
+from benchmark.run.packed import PackedRow, packed_rows
 from benchmark.run.packing import raw_row
 from benchmark.run.provenance import Renewal, RunProvenance, circumstances, machines_together, read_provenance
 from benchmark.run.results import SUMMARY_NAME, read_summary
@@ -60,8 +60,7 @@ def earlier_row(out: Path, solver: str, wanted: RunProvenance) -> PackedRow | No
 
 
 def _packed_rows(out: Path, solver: str, wanted: RunProvenance) -> list[PackedRow]:
-    listing = out / wanted.frames.place.with_name(f"{wanted.frames.place.name}.json")
-    rows = read_packed(listing) if listing.is_file() else []
+    rows = packed_rows(out, wanted.frames.place)
     return [row for row in rows if (row.solver, row.detections) == (solver, wanted.detections)]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
-from unit.benchmark.fake_night import write_dataset
+from unit.benchmark.fake_night import Raising, write_dataset
 from unit.benchmark.test_engine_resumes import Counting, StoppedError
 from unit.benchmark.test_tasks import PROGRAM, TINY, TINY_SCENARIO
 
@@ -109,6 +109,35 @@ def assert_as_a_complete_run(out: Path, folder: Path, whole: Path, length: int =
     facts = mine.provenance["frames"], its.provenance["frames"]
     assert [part["truth_sha256"] for part in facts] == [frames.facts.truth_sha256] * 2
     assert [part["scenario_sha256"] for part in facts] == [4 * LATER] * 2
+
+
+def test_a_packed_result_is_finished(folder: Path, tmp_path: Path) -> None:
+    out, frames = tmp_path / "out", night(folder, FIRST)
+    (whole,) = solve(frames, [Counting("truth", frames.frames)], tmp_path / "whole")
+    packed(out, folder)
+    again = Counting("truth", frames.frames)
+    (run,) = solve(frames, [again], out)
+    assert (run.n_solved, again.asked) == (0, [])
+    assert not list(out.rglob("summary.json"))
+    for name in ("n_frames", "n_fixes", "n_refused", "n_errors", "recall", "wrong_and_confident", "star_recall"):
+        assert repr(getattr(run.summary, name)) == repr(getattr(whole.summary, name)), name
+    assert run.summary.median_error_km.value == pytest.approx(whole.summary.median_error_km.value, rel=1e-5)
+    # Neither one of fewer frames than are wanted, nor one of another revision.
+    more = FrameSet(dataclasses.replace(frames.facts, per_condition=9), frames.frames)
+    assert [one.n_solved for one in solve(more, [Counting("truth", frames.frames)], out)] == [N_FRAMES]
+    other = Counting("truth", frames.frames, revision="second")
+    assert [one.n_solved for one in solve(frames, [other], out)] == [N_FRAMES]
+
+
+def test_a_packed_result_of_errors_alone_is_not_finished(folder: Path, tmp_path: Path) -> None:
+    class Settled(Raising):
+        revision = "one"
+
+    frames = night(folder, FIRST)
+    for _ in range(2):
+        (run,) = solve(frames, [Settled("raising", frames.frames)], tmp_path / "out")
+        assert run.n_solved == N_FRAMES
+        pack_tree(tmp_path / "out")
 
 
 def test_only_frames_that_changed_are_solved_again(folder, tmp_path):
