@@ -157,13 +157,21 @@ def report(
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
     from benchmark.report.site.terminal import boards_document, overall_document, result_tables
+    from benchmark.report.site.words import left_out_words
     from benchmark.run.superseded import superseded
     from generator.files import write_bytes
 
     try:
         with progress_bars("boards") as bar:
             task = bar.add_task("comparing", total=None)
-            boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
+            left_out: list[str] = []
+            boards = make_boards(
+                out,
+                lambda done, of: bar.update(task, completed=done, total=of),
+                lambda part, whole: left_out.append(left_out_words(part, whole)),
+            )
+        for words in left_out:
+            typer.echo(words, err=True)
         for folder, why in superseded(out).items():
             typer.echo(f"left out: {folder}: {why}; `skybench bench boards --remove-old` removes it", err=True)
         if not as_json:

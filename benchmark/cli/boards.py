@@ -204,11 +204,19 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
 def _report(out: Path, data: Path, figure: Path | None, pictures: int) -> Path:
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
+    from benchmark.report.site.words import left_out_words
     from generator.files import write_bytes
 
     with progress_bars("boards") as bar:
         line = bar.add_task("comparing", total=None)
-        made = make_boards(out, lambda done, of: bar.update(line, completed=done, total=of))
+        left_out: list[str] = []
+        made = make_boards(
+            out,
+            lambda done, of: bar.update(line, completed=done, total=of),
+            lambda part, whole: left_out.append(left_out_words(part, whole)),
+        )
+    for words in left_out:
+        typer.echo(words, err=True)
     if figure is not None:
         write_bytes(figure, render_figure(made, Places(out, data), figure).encode())
     return write_site(made, Places(out, data), pictures)
@@ -217,7 +225,7 @@ def _report(out: Path, data: Path, figure: Path | None, pictures: int) -> Path:
 def pack_results(out: _Out = _LEADERBOARD, as_json: AsJson = False) -> None:
     """Put raw results into one table per task; a raw result replaces the packed one of the same solver.
 
-    Positions, detections and the solvers' own timings are not kept; `bench run` reproduces them.
+    Positions, detections and the solvers' own timings are not kept; `bench run` with another --out reproduces them.
     """
     from benchmark.run.packing import pack_tree
 

@@ -42,7 +42,7 @@ from benchmark.report.site.revisions import (
 )
 from benchmark.report.site.site_view import make_styles, make_view, solver_page
 from benchmark.report.site.task_groups import group_of
-from benchmark.report.site.tree import read_tree
+from benchmark.report.site.tree import Tell, read_tree, untold, whole_results
 from benchmark.report.site.words import board_provenance, board_verdict, detectable_words, processor_words
 from benchmark.report.templates import environment, read_sheet
 from benchmark.run.results import writing
@@ -55,8 +55,10 @@ _SHEETS = ("page.css", "figure.css", "site/site.css")
 _SCRIPTS = ("site.js", "failures.js")
 
 
-def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, of: None) -> list[Board]:
-    """Compare all results of a tree, board by board.
+def make_boards(
+    root: Path, progress: Callable[[int, int], None] = lambda done, of: None, tell: Tell = untold
+) -> list[Board]:
+    """Compare all results of a tree, board by board; those on a part of the frames of others on their board are left out.
 
     Parameters
     ----------
@@ -64,17 +66,19 @@ def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, 
         Tree of results.
     progress : callable
         Called with the number of boards that are done and the total.
+    tell : callable
+        Called with each result that is left out.
 
     Raises
     ------
     ResultsError
         There are no results, damaged ones, or some that cannot be compared.
     """
-    groups = read_tree(root)
+    groups = read_tree(root, tell)
     boards = []
     for done, group in enumerate(groups):
         progress(done, len(groups))
-        boards.append(make_board(group))
+        boards.append(make_board(whole_results(group, tell)))
     progress(len(groups), len(groups))
     return boards
 

@@ -1,14 +1,14 @@
 """Reader of a tree of results (docs/benchmark.md), raw and packed.
 
 Raw results are in ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/``, packed ones in ``RESULTS/LABEL/PART.json`` and
-``PART.parquet``. A raw result replaces the packed one of the same solver on the same frames.
+``PART.parquet``. A raw result replaces the packed one of the same solver on the same frames, unless it is of a part of them.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -118,6 +118,12 @@ class StoredResult:
     established: str = ""
     age: Age | None = None
 
+    def is_part_of(self, other: StoredResult) -> bool:
+        """Whether it is of some of the other's frames and of no more, as a run with fewer ``--frames`` is."""
+        same = self.provenance.frames.scenario_sha256 == other.provenance.frames.scenario_sha256
+        fewer = len(self.frames) < len(other.frames)
+        return same and fewer and set(self.frames["frame_id"]) < set(other.frames["frame_id"])
+
     def detections_in(self, frame_ids: Collection[str]) -> dict[str, list[DetectionRow]]:
         """Detections by frame; empty where the table of detections is not available.
 
@@ -144,10 +150,25 @@ def family_of(solver: str) -> str:
     return "celnav" if solver_folder(solver).spec.adapter == "celnav" else "peers"
 
 
-def read_tree(root: Path) -> list[list[StoredResult]]:
+Tell = Callable[[StoredResult, StoredResult], None]
+"""Called with a result that is left out, and with the one on more frames because of which it is."""
+
+
+def untold(left_out: StoredResult, because_of: StoredResult) -> None:
+    """Say nothing."""
+
+
+def read_tree(root: Path, tell: Tell = untold) -> list[list[StoredResult]]:
     """Read all results, grouped by frames and mode of detection, in the order of their paths.
 
-    Results on an earlier revision of a task are left out where a later one exists (`benchmark.run.superseded`).
+    Results on an earlier revision of a task are left out where a later one exists (`benchmark.run.superseded`), and raw
+    results on a part of the frames of the packed one of the same solver.
+
+    Parameters
+    ----------
+    root : Path
+    tell : callable
+        Called with each of these raw results.
 
     Raises
     ------
@@ -155,8 +176,14 @@ def read_tree(root: Path) -> list[list[StoredResult]]:
         There are no results, or a file is damaged.
     """
     raw = [_read(summary) for summary in sorted(root.glob(_PATTERN))]
-    replaced = {(result.folder.parent, result.solver) for result in raw}
     packed = [result for listing in sorted(root.glob(_PACKED_PATTERN)) for result in _unpacked(listing)]
+    packed_at = {(result.folder.parent, result.solver): result for result in packed}
+    for result in list(raw):
+        other = packed_at.get((result.folder.parent, result.solver))
+        if other is not None and result.is_part_of(other):
+            tell(result, other)
+            raw.remove(result)
+    replaced = {(result.folder.parent, result.solver) for result in raw}
     kept = [result for result in packed if (result.folder.parent, result.solver) not in replaced]
     old = superseded(root)
     found = sorted(
@@ -171,7 +198,7 @@ def read_tree(root: Path) -> list[list[StoredResult]]:
         raise ResultsError(
             f"{root}: no results in it; make some with `skybench bench run TASK|DIR --solver NAME --out {root}`"
         )
-    return [_labelled(group) for group in groups.values()]
+    return [labelled(group) for group in groups.values()]
 
 
 def _read(path: Path) -> StoredResult:
@@ -244,10 +271,22 @@ def _only(frames: FrameFacts) -> str:
     return f", {frames.grading.name} {frames.condition:.12g} {frames.grading.unit}".rstrip()
 
 
-def _labelled(results: Sequence[StoredResult]) -> list[StoredResult]:
-    """Add the key to the labels of solvers that appear in several versions or configurations."""
+def whole_results(results: Sequence[StoredResult], tell: Tell = untold) -> list[StoredResult]:
+    """Those results of a group that are not of a part of another's frames; `tell` is called with each of the others."""
+    largest = max(results, key=lambda result: len(result.frames))
+    whole = []
+    for result in results:
+        if result.is_part_of(largest):
+            tell(result, largest)
+        else:
+            whole.append(result)
+    return labelled(whole)
+
+
+def labelled(results: Sequence[StoredResult]) -> list[StoredResult]:
+    """Add the key to the labels of solvers that appear in several versions or configurations, and only to these."""
     count = Counter(result.solver for result in results)
     return [
-        dataclasses.replace(result, label=f"{result.solver} {result.key[:6]}") if count[result.solver] > 1 else result
+        dataclasses.replace(result, label=result.solver + (f" {result.key[:6]}" if count[result.solver] > 1 else ""))
         for result in results
     ]

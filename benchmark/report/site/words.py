@@ -10,6 +10,7 @@ from benchmark.frames.frame_set import FrameFacts
 from benchmark.report.formatting import percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.revisions import revision_words
+from benchmark.report.site.tree import StoredResult
 from benchmark.run.identities import identities_in
 from benchmark.run.provenance import SEVERAL, Renewal
 from benchmark.solvers.isolation import NOT_ISOLATED
@@ -38,6 +39,14 @@ def site_verdict(boards: Sequence[Board]) -> str:
         parts.append(f"in {shared} the first place is not decided")
     noun = "comparisons" if compared != 1 else "comparison"
     return f"Of {compared} {noun} (a task in one mode of detections): {'; '.join(parts)}."
+
+
+def left_out_words(part: StoredResult, whole: StoredResult) -> str:
+    """Why a result on a part of another's frames is on no page, and the remedy."""
+    return (
+        f"left out: {part.folder}: has {len(part.frames)} of the {len(whole.frames)} frames of {whole.folder.name}; run it "
+        "on all of them, or give runs on a part an --out of their own"
+    )
 
 
 def board_verdict(board: Board) -> str:

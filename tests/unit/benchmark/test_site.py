@@ -17,7 +17,7 @@ import pytest
 from folded_pages import unfolded
 from PIL import Image
 from typer.testing import CliRunner
-from unit.benchmark.fake_results import SOLVERS, write_frames, write_results
+from unit.benchmark.fake_results import SOLVERS, FakeSolver, write_frames, write_results
 from unit.benchmark.fake_results import TASKS as ALL_TASKS
 
 from benchmark.cli.bench import app
@@ -28,10 +28,11 @@ from benchmark.report.site.columns import SUCCESS, break_interval, break_words
 from benchmark.report.site.commands import Places
 from benchmark.report.site.failures import KINDS, failures_of, listed, pictured_frames, worst_first
 from benchmark.report.site.frame_source import FrameSource
-from benchmark.report.site.pages import render_site, write_site
+from benchmark.report.site.pages import make_boards, render_site, write_site
 from benchmark.report.site.pictures import Pictures
 from benchmark.report.site.tree import read_tree
-from benchmark.report.site.words import detectable_words, processor_words, site_verdict
+from benchmark.report.site.words import detectable_words, left_out_words, processor_words, site_verdict
+from benchmark.run.packing import pack_tree
 from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
 from generator.identity.pixels import pixels_sha256
@@ -256,6 +257,34 @@ def test_results_of_different_frames_are_not_compared(root):
         other = dataclasses.replace(two.provenance, frames=frames)
         with pytest.raises(ResultsError, match="different scenarios"):
             make_board([one, dataclasses.replace(two, provenance=other)])
+
+
+def test_a_result_on_a_part_of_the_frames_is_left_out_and_said_to_be(root, tmp_path):
+    """Other solvers' results on all frames are compared as they were, also by the command."""
+    out = tmp_path / "tree"
+    shutil.copytree(root, out)
+    write_results(out, TASKS[:1], (FakeSolver("short", 1.0, 9.0),), frames_per_level=3, modes=("own",))
+    told = []
+    found = make_boards(out, tell=lambda part, whole: told.append(left_out_words(part, whole)))
+    assert [[entry.label for entry in board.entries] for board in found] == [
+        [entry.label for entry in board.entries] for board in make_boards(root)
+    ]
+    assert len(told) == 1
+    assert re.search(r"own/short-\w+: has 27 of the 81 frames of \S+; run it on all of them, or give", told[0])
+    done = CliRunner().invoke(app, ["report", "--out", str(out), "--pictures", "0"])
+    assert done.exit_code == 0, done.output
+    assert told[0] in done.stderr
+
+
+def test_a_raw_result_on_a_part_of_the_frames_does_not_replace_the_packed_one(root, tmp_path):
+    out = tmp_path / "tree"
+    shutil.copytree(root / "bortle@1", out / "bortle@1")
+    pack_tree(out)
+    write_results(out, TASKS[:1], SOLVERS[:1], frames_per_level=3, modes=("own",))
+    told = []
+    (group,) = read_tree(out, lambda part, whole: told.append((part.solver, len(part.frames), len(whole.frames))))
+    assert told == [("skybench", 27, 81)]
+    assert {(result.label, len(result.frames)) for result in group} == {(solver.name, 81) for solver in SOLVERS}
 
 
 def test_every_failure_is_listed_and_no_success(boards):
