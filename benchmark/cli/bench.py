@@ -158,7 +158,7 @@ def report(
     from benchmark.report.site.pictures import MOST_PICTURES
     from benchmark.report.site.terminal import boards_document, overall_document, result_tables
     from benchmark.report.site.words import left_out_words
-    from benchmark.run.superseded import superseded
+    from benchmark.report.superseded import superseded
     from generator.files import write_bytes
 
     try:

@@ -97,8 +97,8 @@ def boards(
         plan_boards,
         run_plan,
     )  # loads the solvers
+    from benchmark.report.superseded import outdated, remove_outdated
     from benchmark.run.packing import pack_tree
-    from benchmark.run.superseded import outdated, remove_outdated
     from benchmark.solvers.registry import known_solvers
     from benchmark.tasks.definition import task_names
 

@@ -5,6 +5,7 @@ Like celnav, OpenCV puts pixel centres at integers (docs/conventions.md), so its
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import re
@@ -20,7 +21,6 @@ from celnav import projection
 from celnav.camera import FISHEYE, Camera
 from celnav.command.platepar import has_distortion, lens_of_platepar
 from celnav.errors import CameraError
-from celnav.reading.camera_yaml import parse_yaml
 
 MAX_BYTES = 16_000_000
 _MOST_NUMBERS = 1000
@@ -32,6 +32,22 @@ _LIKE_DISTORTION = re.compile(
 )
 _FISHEYE_NAMES = ("equidistant", "fisheye", "kannala_brandt", "kannalabrandt")
 _PERSPECTIVE_NAMES = ("", "plumb_bob", "rational_polynomial", "brown_conrady", "none", "pinhole")
+_YAML_CORE = "tag:yaml.org,2002:"
+_YAML_OPENCV = f"{_YAML_CORE}opencv-matrix"
+_YAML_LEADING_ZERO = "tag:celnav,leading-zero"
+# Numbers as in YAML 1.2 (10.3.2), where 1e3 needs neither a point nor a sign; YAML 1.1 reads 10:30 to base 60.
+_YAML_NUMBERS = (
+    (_YAML_LEADING_ZERO, re.compile(r"[-+]?0[0-9]+$"), "-+0"),
+    (f"{_YAML_CORE}int", re.compile(r"[-+]?(?:0|[1-9][0-9]*)$"), "-+0123456789"),
+    (
+        f"{_YAML_CORE}float",
+        re.compile(
+            r"(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+        ),
+        "-+0123456789.",
+    ),
+)
+_YAML_REPLACED = {f"{_YAML_CORE}{name}" for name in ("int", "float", "timestamp")}
 
 
 @dataclass(frozen=True)
@@ -161,7 +177,71 @@ def _json_or_yaml(text: str, is_json: bool) -> object:
         except ValueError:
             if is_json:
                 raise
-    return parse_yaml(text)
+    return _parse_yaml(text)
+
+
+def _parse_yaml(text: str) -> object:
+    """Return the content of a YAML text.
+
+    Raises
+    ------
+    ValueError
+        The text is no YAML, or has an alias, a tag other than OpenCV's, or a number with a leading zero; the message names
+        the line.
+    """
+    import yaml
+
+    # OpenCV writes "%YAML:1.0", which is not a YAML directive.
+    if text.startswith("%YAML:"):
+        text = text.partition("\n")[2]
+    try:
+        return yaml.load(text, Loader=_loader())
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error)
+        raise ValueError(f"{problem}" + (f" in line {mark.line + 1}" if mark else "")) from None
+
+
+@functools.cache
+def _loader() -> Any:
+    """Safe loader with the one tag that OpenCV writes, and without aliases, which can expand 400 bytes to gigabytes."""
+    import yaml  # only cameras in YAML need it
+
+    class Loader(yaml.SafeLoader):
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+            problem = ""
+            if isinstance(event, yaml.AliasEvent):
+                problem = f"the alias *{event.anchor} is not read: write its value in its place"
+            elif isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent) and event.tag not in (
+                None,
+                _YAML_OPENCV,
+            ):
+                tag = str(event.tag).replace(_YAML_CORE, "!!", 1)[:40]
+                problem = f"the tag {tag} is not read: leave only the value"
+            if problem:
+                raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
+            return super().compose_node(parent, index)
+
+    def matrix(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+        return loader.construct_mapping(node, deep=True)
+
+    def refuse_leading_zero(loader: Loader, node: yaml.ScalarNode) -> Any:
+        del loader
+        sign = "-" if node.value[0] == "-" else ""
+        digits = node.value.lstrip("+-0") or "0"
+        problem = f"found {node.value[:40]}, which YAML may read as octal: write {sign}{digits[:40]}"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+
+    Loader.yaml_implicit_resolvers = {
+        letter: [(tag, pattern) for tag, pattern in resolvers if tag not in _YAML_REPLACED]
+        for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    for tag, pattern, first in _YAML_NUMBERS:
+        Loader.add_implicit_resolver(tag, pattern, list(first))
+    Loader.add_constructor(_YAML_LEADING_ZERO, refuse_leading_zero)
+    Loader.add_constructor(_YAML_OPENCV, matrix)
+    return Loader
 
 
 def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:

@@ -18,11 +18,11 @@ import pandas as pd
 from benchmark.errors import ResultsError
 from benchmark.frames.frame_set import FrameFacts
 from benchmark.judge.outcome import DetectionRow
+from benchmark.report.superseded import superseded
 from benchmark.run.freshness import Age, age_of, origin_of, today
 from benchmark.run.packed import read_packed
 from benchmark.run.provenance import RunProvenance, read_provenance
 from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary, read_table
-from benchmark.run.superseded import superseded
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.stats.frame_metrics import read_frames, success_limit_km
 from benchmark.stats.metrics import ERROR, FIX
@@ -161,7 +161,7 @@ def untold(left_out: StoredResult, because_of: StoredResult) -> None:
 def read_tree(root: Path, tell: Tell = untold) -> list[list[StoredResult]]:
     """Read all results, grouped by frames and mode of detection, in the order of their paths.
 
-    Results on an earlier revision of a task are left out where a later one exists (`benchmark.run.superseded`), and raw
+    Results on an earlier revision of a task are left out where a later one exists (`benchmark.report.superseded`), and raw
     results on a part of the frames of the packed one of the same solver.
 
     Parameters

@@ -22,10 +22,10 @@ from benchmark.report.refresh_plan import Job, Place, Plan, Standing, make_plan
 from benchmark.report.site.boards import make_board
 from benchmark.report.site.columns import CALIBRATION, HEADLINE, MORE
 from benchmark.report.site.tree import read_tree
+from benchmark.report.superseded import outdated, remove_outdated, superseded
 from benchmark.run.contestants import contestant_of
 from benchmark.run.freshness import Age, State
 from benchmark.run.packing import pack_tree
-from benchmark.run.superseded import outdated, remove_outdated, superseded
 from benchmark.solvers.definition import read_solver_folder
 from benchmark.tasks.definition import load_task
 
