@@ -11,7 +11,7 @@ from benchmark.cli import submissions as submission_cli
 from benchmark.cli.choices import DetectionsChoice
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
-from benchmark.cli.progress import progress_bars, working
+from benchmark.cli.progress import compared_boards, working
 from benchmark.cli.rounds import commands as rounds_cli
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError, ResultsError
@@ -154,24 +154,14 @@ def report(
     """
     from benchmark.frames.task_frames import DEFAULT_DATA
     from benchmark.report.site.commands import Places
-    from benchmark.report.site.pages import make_boards, render_figure, write_site
+    from benchmark.report.site.pages import render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
     from benchmark.report.site.terminal import boards_document, overall_document, result_tables
-    from benchmark.report.site.words import left_out_words
     from benchmark.report.superseded import superseded
     from generator.files import write_bytes
 
     try:
-        with progress_bars("boards") as bar:
-            task = bar.add_task("comparing", total=None)
-            left_out: list[str] = []
-            boards = make_boards(
-                out,
-                lambda done, of: bar.update(task, completed=done, total=of),
-                lambda part, whole: left_out.append(left_out_words(part, whole)),
-            )
-        for words in left_out:
-            typer.echo(words, err=True)
+        boards = compared_boards(out)
         for folder, why in superseded(out).items():
             typer.echo(f"left out: {folder}: {why}; `skybench bench boards --remove-old` removes it", err=True)
         if not as_json:

@@ -12,7 +12,7 @@ import typer
 from benchmark.cli import completion
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
-from benchmark.cli.progress import progress_bars
+from benchmark.cli.progress import compared_boards, progress_bars
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError, ResultsError
 
@@ -203,20 +203,10 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
 
 def _report(out: Path, data: Path, figure: Path | None, pictures: int) -> Path:
     from benchmark.report.site.commands import Places
-    from benchmark.report.site.pages import make_boards, render_figure, write_site
-    from benchmark.report.site.words import left_out_words
+    from benchmark.report.site.pages import render_figure, write_site
     from generator.files import write_bytes
 
-    with progress_bars("boards") as bar:
-        line = bar.add_task("comparing", total=None)
-        left_out: list[str] = []
-        made = make_boards(
-            out,
-            lambda done, of: bar.update(line, completed=done, total=of),
-            lambda part, whole: left_out.append(left_out_words(part, whole)),
-        )
-    for words in left_out:
-        typer.echo(words, err=True)
+    made = compared_boards(out)
     if figure is not None:
         write_bytes(figure, render_figure(made, Places(out, data), figure).encode())
     return write_site(made, Places(out, data), pictures)

@@ -5,8 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.progress import Progress, ProgressColumn
     from rich.status import Status
+
+    from benchmark.report.site.boards import Board
 
 
 def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = False) -> Progress:
@@ -49,3 +53,29 @@ def working(description: str) -> Status:
     from rich.console import Console
 
     return Console(stderr=True).status(description)
+
+
+def compared_boards(out: Path) -> list[Board]:
+    """Compare the results in a folder, and say which of them are left out.
+
+    Raises
+    ------
+    ResultsError
+        There are no results, or a file is damaged.
+    """
+    import typer
+
+    from benchmark.report.site.pages import make_boards
+    from benchmark.report.site.words import left_out_words
+
+    left_out: list[str] = []
+    with progress_bars("boards") as bar:
+        line = bar.add_task("comparing", total=None)
+        boards = make_boards(
+            out,
+            lambda done, of: bar.update(line, completed=done, total=of),
+            lambda part, whole: left_out.append(left_out_words(part, whole)),
+        )
+    for words in left_out:
+        typer.echo(words, err=True)
+    return boards

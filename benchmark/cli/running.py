@@ -159,10 +159,7 @@ def try_request(request: Request, count: int, as_json: bool = False) -> int:
                 typer.echo(_answer(frame, outcome))
     counts = Counter(score.status for score in scores)
     if as_json:
-        answers = [
-            {"frame": frame.frame_id, "condition": frame.condition} | vars(score)
-            for frame, score in zip(frames, scores, strict=True)
-        ]
+        answers = [{"frame": frame.frame_id} | vars(score) for frame, score in zip(frames, scores, strict=True)]
         print_json({"solver": contestant.name, "version": version, "target": target, "answers": answers})
     else:
         refused = len(scores) - counts[FIX] - counts[ERROR]

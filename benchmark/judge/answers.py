@@ -191,7 +191,6 @@ def judge_answer(
         stage_ms=dict(answer.time_ms),
         utc=frame.observation.utc,
         conditions=conditions,
-        condition=frame.condition,
         site=site,
         error_east_km=east_km,
         error_north_km=north_km,

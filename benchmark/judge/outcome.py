@@ -37,8 +37,6 @@ class FrameDetails:
     utc : str
         Mid-exposure.
     conditions : FrameConditions
-    condition : float or None
-        The frame's graded value in its task.
     site : str
         Name of the place and the night; frames of one site are not independent.
     error_east_km, error_north_km : float or None
@@ -58,7 +56,6 @@ class FrameDetails:
     stage_ms: Mapping[str, float]
     utc: str
     conditions: FrameConditions
-    condition: float | None = None
     site: str = ""
     error_east_km: float | None = None
     error_north_km: float | None = None

@@ -144,7 +144,6 @@ def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identit
         stage_ms={},
         utc=frame.observation.utc,
         conditions=conditions,
-        condition=frame.condition,
         site=counted_site(frame),
         error_east_km=_number(answer["error_east_km"]),
         error_north_km=_number(answer["error_north_km"]),

@@ -71,7 +71,7 @@ def frame_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
         ("time_ms", pa.float64(), "ms", [s.time_ms for s in scores]),
         ("detect_ms", pa.float64(), "ms", [d.detect_ms for d in details]),
         ("solve_ms", pa.float64(), "ms", [d.solve_ms for d in details]),
-        ("condition", pa.float64(), "the task's", [finite(d.condition) for d in details]),
+        ("condition", pa.float64(), "the task's", [finite(s.condition) for s in scores]),
         ("site", pa.string(), "", [d.site for d in details]),
         ("error_east_km", pa.float64(), "km", [finite(d.error_east_km) for d in details]),
         ("error_north_km", pa.float64(), "km", [finite(d.error_north_km) for d in details]),

@@ -122,6 +122,7 @@ def _write_one(
             n_matches=matched,
             n_correct=int(0.98 * matched) if right[i] else 0,
             time_ms=time_ms,
+            condition=task.levels[order[i]],
         )
         variance = float((1.4 * bound[i]) ** 2)
         details = FrameDetails(
@@ -132,7 +133,6 @@ def _write_one(
             stage_ms={"match": 0.3 * time_ms},
             utc="2024-01-01T00:00:00Z",
             conditions=FrameConditions(lat, lon, score.bortle, 21.0, 0.5, 400, moon_altitude_deg=float(i % 3)),
-            condition=task.levels[order[i]],
             site=f"{lat:+.4f} {lon:+.4f} 2024-01-01",
             error_east_km=float(error[i]) * math.cos(angle) if fix[i] else None,
             error_north_km=float(error[i]) * math.sin(angle) if fix[i] else None,
