@@ -13,28 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import celnav
-from benchmark.protocol import Answer, Observation, SequencePlace
-
-
-@dataclass
-class _Hypothesis:
-    """Fixes that agree, and the highest confidence among them."""
-
-    track: celnav.Track
-    fixes: int = 0
-    confidence: float | None = None
+from benchmark.protocol import Answer, Observation
 
 
 @dataclass
 class SequenceTrack:
-    """What the frames of one sequence have shown so far; the first frame of another sequence starts anew.
-
-    Fixes that disagree form separate hypotheses, and the hypothesis with the most fixes gives the answer. Otherwise a single
-    misidentified first frame would block all that follow.
-    """
+    """What the frames of one sequence have shown so far; the first frame of another sequence starts anew."""
 
     _sequence: str | None = None
-    _hypotheses: list[_Hypothesis] = field(default_factory=list)
+    _track: celnav.Track | None = None
+    _confidences: list[float | None] = field(default_factory=list)  # of all fixes so far
 
     def answer(self, alone: Answer, fix: celnav.Fix, observation: Observation) -> Answer:
         """Take in a frame's fix or refusal, and answer for the frame.
@@ -47,40 +35,32 @@ class SequenceTrack:
             The same as a fix; its covariance does not include the constant error of the vertical (`without_bias`).
         observation : Observation
             Observation of a frame of a sequence.
+
+        Returns
+        -------
+        Answer
+            The position of the track. Its confidence is the highest of the fixes that the track consists of.
         """
         place = observation.sequence
         assert place is not None
-        if place.sequence_id != self._sequence or place.index == 0:
-            self._sequence, self._hypotheses = place.sequence_id, []
-        if fix.ok:
-            self._take(fix, alone.confidence, observation, place)
-        if not self._hypotheses:
+        if self._track is None or place.sequence_id != self._sequence or place.index == 0:
+            self._sequence, self._track = place.sequence_id, celnav.Track(_standing(place.tilt_bias_sigma_deg))
+            self._confidences = []
+        if self._track.update(fix, observation.utc, image_heading_deg(observation.R_cam)) is not None:
+            self._confidences.append(alone.confidence)
+        points = self._track.points
+        if not points:
             return alone
-        best = max(self._hypotheses, key=lambda one: one.fixes)  # among equals, the older one
-        point = best.track.points[-1]
+        used = zip(points, self._confidences[-len(points) :], strict=True)
         return dataclasses.replace(
             alone,
             ok=True,
             reason="",
-            lat_deg=point.lat_deg,
-            lon_deg=point.lon_deg,
-            cov_km2=point.cov_km2,
-            confidence=best.confidence,
+            lat_deg=points[-1].lat_deg,
+            lon_deg=points[-1].lon_deg,
+            cov_km2=points[-1].cov_km2,
+            confidence=max((known for point, known in used if point.used and known is not None), default=None),
         )
-
-    def _take(self, fix: celnav.Fix, confidence: float | None, observation: Observation, place: SequencePlace) -> None:
-        heading = image_heading_deg(observation.R_cam)
-        for one in sorted(self._hypotheses, key=lambda one: -one.fixes):
-            point = one.track.update(fix, observation.utc, heading)
-            if point is not None and point.used:
-                break
-        else:
-            one = _Hypothesis(celnav.Track(_standing(place.tilt_bias_sigma_deg)))
-            one.track.update(fix, observation.utc, heading)
-            self._hypotheses.append(one)
-        one.fixes += 1
-        known = [value for value in (one.confidence, confidence) if value is not None]
-        one.confidence = max(known, default=None)
 
 
 def without_bias(observation: Observation) -> Observation:

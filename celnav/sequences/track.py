@@ -6,6 +6,10 @@ out (Teague & Chahl 2024, Drones 8(11) 652). Filter and smoother follow Rauch, T
 error-state form, which keeps the position on the ellipsoid and only its error in a plane, follows Sola 2017, arXiv
 1711.02508. East and north rotate along the way, and abruptly at a pole, so velocities and covariances are transported along
 the great circle.
+
+Any fix may be a misidentification, the first one too. A fix that no filter accepts therefore starts another filter, and the
+one with most of the recent fixes is the track (multiple hypotheses: Reid 1979, IEEE Trans. Autom. Control 24, 843; each fix
+belongs to one of them here).
 """
 
 from __future__ import annotations
@@ -32,6 +36,8 @@ KM_PER_DEG = math.pi / 180 * MEAN_RADIUS_KM
 _N = 7
 # Standard deviation of a heading from one frame, degrees: the effect of a centroid noise of 0.1 px at the edge.
 _HEADING_SIGMA_DEG = 0.02
+# Fixes that decide between hypotheses, and after which a hypothesis that none of them supports is dropped.
+_RECENT = 20
 
 
 @dataclass(frozen=True)
@@ -49,8 +55,8 @@ class TrackConfig:
     bias_walk_deg : float
         Random walk of the biases, degrees per square root of a second.
     gate : float
-        Squared normalised innovation, two degrees of freedom, beyond which a fix is rejected as a misidentification; 13.8
-        rejects one good fix in a thousand.
+        Squared normalised innovation, two degrees of freedom, beyond which a fix contradicts a hypothesis; 13.8 rejects one
+        good fix in a thousand.
     """
 
     speed_sigma_km_s: float = bounded(0.1, 0)
@@ -84,9 +90,9 @@ class TrackPoint:
     cov : ndarray, shape (7, 7)
         Covariance of position (east, north, km), velocity (km/s), tilt bias and heading bias (deg).
     used : bool
-        Whether the fix passed the gate.
+        Whether the fix of this instant is one of the track's.
     gate : float
-        Squared normalised innovation of the fix.
+        Squared normalised innovation of the fix; 0 for the first one.
     """
 
     time_s: float
@@ -115,17 +121,37 @@ class _Step:
 
 
 @dataclass
+class _Hypothesis:
+    """The filter that one fix started; it has a step for that fix and for each one since."""
+
+    steps: list[_Step]
+
+    @property
+    def support(self) -> int:
+        """How many of the recent fixes are its own."""
+        return sum(step.filtered.used for step in self.steps[-_RECENT:])
+
+
+@dataclass
 class Track:
-    """A track of one vehicle; feed it fixes in order of time."""
+    """A track of one vehicle; feed it fixes in order of time.
+
+    Fixes that contradict each other form hypotheses. The track is the one with most of the last 20 fixes; of several, the
+    oldest. It can therefore change with a fix, as with the third one if the first was a misidentification.
+    """
 
     config: TrackConfig = field(default_factory=TrackConfig)
-    _steps: list[_Step] = field(default_factory=list, repr=False)
+    _hypotheses: list[_Hypothesis] = field(default_factory=list, repr=False)  # the oldest first
     _start: Utc | None = field(default=None, repr=False)
 
     @property
     def points(self) -> tuple[TrackPoint, ...]:
-        """The filtered states so far."""
+        """The filtered states, one for the fix that started the track and for each one since."""
         return tuple(step.filtered for step in self._steps)
+
+    @property
+    def _steps(self) -> list[_Step]:
+        return max(self._hypotheses, key=lambda one: one.support).steps if self._hypotheses else []
 
     def update(self, fix: Fix, utc: str | datetime | Utc, heading_deg: float) -> TrackPoint | None:
         """Update the track with a fix.
@@ -144,7 +170,7 @@ class Track:
         Returns
         -------
         TrackPoint or None
-            The present state; None for a refusal, and for a fix without a covariance.
+            The track's present state; None for a refusal, and for a fix without a covariance.
 
         Raises
         ------
@@ -159,21 +185,26 @@ class Track:
         if self._start is None:
             self._start = instant
         time_s = _elapsed_s(self._start, instant)
-        if not self._steps:
-            c = self.config
-            sigmas = (1e4, 1e4, *[c.speed_sigma_km_s] * 2, *[c.tilt_bias_sigma_deg] * 2, c.heading_bias_sigma_deg)
-            first = TrackPoint(
-                0.0, fix.lat_deg, fix.lon_deg, np.zeros(2), np.zeros(2), 0.0, np.diag(np.square(sigmas)), True, 0.0
-            )
-            predicted, transition = first, np.eye(_N)
-        else:
-            last = self._steps[-1].filtered
-            if time_s < last.time_s:
-                raise ConfigError("fixes must come in the order of time")
-            predicted, transition = self._predict(last, time_s)
-        filtered = _corrected(predicted, fix, heading_deg, self.config.gate)
-        self._steps.append(_Step(predicted, transition, filtered))
-        return filtered
+        if self._hypotheses and time_s < self._hypotheses[0].steps[-1].filtered.time_s:
+            raise ConfigError("fixes must come in the order of time")
+        free = True
+        for one in sorted(self._hypotheses, key=lambda one: -one.support):
+            predicted, transition = self._predict(one.steps[-1].filtered, time_s)
+            filtered = _corrected(predicted, fix, heading_deg, self.config.gate if free else None)
+            one.steps.append(_Step(predicted, transition, filtered))
+            free = free and not filtered.used
+        if free:
+            self._hypotheses.append(_Hypothesis([self._first(fix, heading_deg, time_s)]))
+        self._hypotheses = [one for one in self._hypotheses if one.support]
+        return self._steps[-1].filtered
+
+    def _first(self, fix: Fix, heading_deg: float, time_s: float) -> _Step:
+        """Return the first step of a hypothesis, about whose position nothing else is known."""
+        c = self.config
+        sigmas = (1e4, 1e4, *[c.speed_sigma_km_s] * 2, *[c.tilt_bias_sigma_deg] * 2, c.heading_bias_sigma_deg)
+        cov = np.diag(np.square(sigmas))
+        start = TrackPoint(time_s, fix.lat_deg, fix.lon_deg, np.zeros(2), np.zeros(2), 0.0, cov, True, 0.0)
+        return _Step(start, np.eye(_N), _corrected(start, fix, heading_deg, self.config.gate))
 
     def _predict(self, last: TrackPoint, time_s: float) -> tuple[TrackPoint, F8]:
         dt = time_s - last.time_s
@@ -303,8 +334,8 @@ def _shifted(point: TrackPoint, error: F8, cov: F8) -> TrackPoint:
     )
 
 
-def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float) -> TrackPoint:
-    """Correct a predicted state by a fix, unless the fix is beyond the gate."""
+def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float | None) -> TrackPoint:
+    """Correct a predicted state by a fix, unless the fix is beyond the gate, or belongs to another hypothesis (None)."""
     assert fix.cov_km2 is not None
     s, c = math.sin(math.radians(heading_deg)), math.cos(math.radians(heading_deg))
     observe = np.zeros((2, _N))
@@ -320,7 +351,7 @@ def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float)
     noise = turn @ fix.cov_km2 @ turn.T
     spread = observe @ predicted.cov @ observe.T + noise
     distance = float(innovation @ np.linalg.solve(spread, innovation))
-    if distance > gate:
+    if gate is None or distance > gate:
         return replace(predicted, used=False, gate=distance)
     gain = predicted.cov @ observe.T @ np.linalg.inv(spread)
     left = np.eye(_N) - gain @ observe
