@@ -191,7 +191,7 @@ def _compare(first: str, seconds: Sequence[str], answers: Mapping[str, _Answers]
                 differences[k],
                 mcnemar_clustered(one.right, others[k].right, one.site),
                 math.nan,
-                _exponential(ratios[k]),
+                exponential(ratios[k]),
                 math.nan,
                 math.nan,
                 closest[k],
@@ -237,7 +237,8 @@ def difference_estimates(gaps: F8, condition: F8, resamples: Resamples) -> list[
     ]
 
 
-def _exponential(estimate: Estimate) -> Estimate:
+def exponential(estimate: Estimate) -> Estimate:
+    """Estimate of which the given one is the natural logarithm."""
     with np.errstate(over="ignore"):
         value, low, high = np.exp([estimate.value, estimate.low, estimate.high]).tolist()
     return Estimate(value, low, high, estimate.n)

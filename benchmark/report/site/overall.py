@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from benchmark.report.formatting import number
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.columns import BOUND, LEADING, NAMED, NEES, RISK, SUCCESS, TIME, WRONG, Column
+from benchmark.report.site.paired_errors import paired_errors
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.overall import geometric_mean_of, mean_of
 
@@ -26,8 +28,20 @@ KEYS: dict[Column, str] = {
     RISK: "risk_coverage_area",
 }
 """Names of the columns in files."""
-_RATIOS = (BOUND, TIME)
-"""Columns in which ratios matter: they are averaged by geometric means."""
+_RATIOS = (BOUND, NEES, TIME)
+"""Columns in which ratios matter: they are averaged by geometric means, so that no set of frames outweighs all others."""
+OWN_BOUND = replace(BOUND, hint="each on its own identified fixes: do not compare rows")
+_PAIRED_KEY = "identified_error_ratio"
+PAIRED = Column(
+    "error, paired",
+    "over that of the solver with most successes, on frames both identify",
+    lambda row: row.metrics[_PAIRED_KEY],
+    number,
+    "ascending",
+)
+SHOWN = (SUCCESS, NAMED, OWN_BOUND, PAIRED, *(column for column in COLUMNS if column not in (SUCCESS, NAMED, BOUND)))
+"""Columns of the table over all sets."""
+_KEY_OF = KEYS | {OWN_BOUND: KEYS[BOUND], PAIRED: _PAIRED_KEY}
 _OF_ALL_FRAMES = (RISK,)
 """Columns that depend on the difficulty of a set: a mean over some of the sets would flatter."""
 
@@ -45,8 +59,8 @@ class OverallRow:
         Number of sets. Where the solver did not answer all of them, its numbers are undefined, because they would be of
         easier or harder frames than those of others.
     metrics : mapping of str to Estimate
-        Values of `COLUMNS`, by the metrics' keys. A number that a solver only has on some sets (on the others it has no
-        identified fix, or nobody can name the stars) is the mean over these.
+        Values of `COLUMNS` and `PAIRED`, by the metrics' keys. A number that a solver only has on some sets (on the others it
+        has no identified fix, or nobody can name the stars) is the mean over these.
     lacking : mapping of str to int
         Number of sets without the number, by key; zeros are omitted.
     """
@@ -64,7 +78,7 @@ class OverallRow:
 
     def lacks(self, column: Column) -> int:
         """Number of sets without the column's number where other solvers have it."""
-        return self.lacking.get(KEYS[column], 0)
+        return self.lacking.get(_KEY_OF[column], 0)
 
 
 def overall_rows(boards: Sequence[Board]) -> tuple[OverallRow, ...]:
@@ -80,7 +94,26 @@ def overall_rows(boards: Sequence[Board]) -> tuple[OverallRow, ...]:
         for entry in board.entries:
             found[entry.label].append(entry)
     rows = [_row(label, entries, len(boards)) for label, entries in found.items()]
-    return tuple(sorted(rows, key=lambda row: (-_or(row.success.value, -1.0), -len(row.entries), row.label)))
+    rows.sort(key=lambda row: (-_or(row.success.value, -1.0), -len(row.entries), row.label))
+    return tuple(_with_paired_errors(rows, boards))
+
+
+def _with_paired_errors(rows: Sequence[OverallRow], boards: Sequence[Board]) -> list[OverallRow]:
+    """The rows with `PAIRED`, which is undefined where a solver, or all of them, did not answer all boards."""
+    reference = next((row.label for row in rows if len(row.entries) == row.n_sets), None)
+    by_board = [] if reference is None else [paired_errors(board, reference) for board in boards]
+    return [
+        _with_number(row, _PAIRED_KEY, [found[row.label] for found in by_board if row.label in found]) for row in rows
+    ]
+
+
+def _with_number(row: OverallRow, key: str, estimates: Sequence[Estimate]) -> OverallRow:
+    """The row with one more number, the geometric mean of its estimates on all sets."""
+    compared = len(estimates) == row.n_sets
+    known = sum(not math.isnan(one.value) for one in estimates)
+    lacking = {key: row.n_sets - known} if compared and 0 < known < row.n_sets else {}
+    found = geometric_mean_of(estimates if compared else [])
+    return replace(row, metrics={**row.metrics, key: found}, lacking={**row.lacking, **lacking})
 
 
 def _row(label: str, entries: Sequence[Entry], n_sets: int) -> OverallRow:

@@ -22,7 +22,7 @@ from benchmark.report.site.commands import Places, commands_of, report_command
 from benchmark.report.site.failures import KINDS, Failure, counts_by_kind, failures_of, listed
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.leaderboard_figure import leaderboard_svg
-from benchmark.report.site.overall import COLUMNS as OVERALL_COLUMNS
+from benchmark.report.site.overall import SHOWN as OVERALL_COLUMNS
 from benchmark.report.site.pictures import (
     MOST_PICTURES,
     Pictures,

@@ -39,7 +39,12 @@ _MATRICES = (
         "Mean over the identified fixes of the squared error in units of the covariance claimed; honest: 2, too bold: more.",
         NEES,
     ),
-    ("wrong", "honesty: wrong and confident", "Share of all frames with a fix beyond the task's limit.", WRONG),
+    (
+        "wrong",
+        "honesty: wrong and confident",
+        "Share of all frames with a fix beyond the task's limit, whatever confidence or covariance it states.",
+        WRONG,
+    ),
     ("time", "median time, ms", "Detection and solving, refused frames included.", TIME),
     (
         "risk",

@@ -34,10 +34,10 @@ def overall_tables(boards: Sequence[Board]) -> list[Table]:
         for row in overall.complete:
             cells = [(column.value(row), column.interval(row)) for column in columns.LEADING]
             table.add_row(escape(row.label), *(f"{value}\n[dim]{limits}[/dim]" for value, limits in cells))
+        notes = ["error / bound, NEES: each row of its own identified fixes; do not compare rows"]
         if overall.partial:
-            fewer = ", ".join(f"{row.label} ({len(row.entries)})" for row in overall.partial)
-            table.caption = f"[dim]of fewer sets: {escape(fewer)}[/dim]"
-            table.caption_justify = "left"
+            notes.append(f"of fewer sets: {', '.join(f'{row.label} ({len(row.entries)})' for row in overall.partial)}")
+        table.caption, table.caption_justify = f"[dim]{escape(chr(10).join(notes))}[/dim]", "left"
         tables.append(table)
     return tables
 

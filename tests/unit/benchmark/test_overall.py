@@ -1,5 +1,6 @@
 """One number over several sets of frames."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,7 +9,8 @@ from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
 from benchmark.report.site.boards import make_board
 from benchmark.report.site.columns import BOUND, NEES, SUCCESS
-from benchmark.report.site.overall import overall_rows
+from benchmark.report.site.overall import OWN_BOUND, PAIRED, SHOWN, overall_rows
+from benchmark.report.site.paired_errors import paired_errors
 from benchmark.report.site.site_view import overall_of
 from benchmark.report.site.terminal import boards_document, overall_document, result_tables
 from benchmark.report.site.tree import read_tree
@@ -61,6 +63,65 @@ def test_each_set_counts_alike_and_who_did_not_answer_all_has_dashes(boards):
     fewer = overall_rows([*boards, boards[0].__class__(**{**vars(boards[0]), "entries": boards[0].entries[:1]})])
     assert [SUCCESS.value(row) == "—" for row in fewer] == [False] + [True] * (len(SOLVERS) - 1)
     assert fewer[0].label == boards[0].entries[0].label
+
+
+def test_one_set_with_a_few_wild_covariances_does_not_outweigh_the_others(boards):
+    row = overall_rows(boards)[0]
+    values = (2.0, 2.0, 66_000.0)
+    changed = [
+        dataclasses.replace(board, entries=(_with_nees(entry, value),))
+        for board, entry, value in zip(boards, row.entries, values, strict=True)
+    ]
+    (found,) = overall_rows(changed)
+    assert NEES.estimate(found).value == pytest.approx(math.prod(values) ** (1 / 3))
+
+
+def _with_nees(entry, value):
+    return dataclasses.replace(entry, metrics={**entry.metrics, "nees": Estimate(value, value / 2, 2 * value, 50)})
+
+
+def test_errors_are_compared_on_the_frames_that_both_identify(boards):
+    """A solver with twice the errors that only identifies easy frames has a small median and a paired ratio of two."""
+    best = overall_rows(boards)[0].label
+    changed = []
+    for board in boards:
+        first = next(entry for entry in board.entries if entry.label == best)
+        frames = first.stored.frames
+        easy = (frames["error_km"] < frames["error_km"].median()).to_numpy()
+        picky = frames.assign(
+            error_km=np.where(easy, 2 * frames["error_km"], math.inf),
+            status=np.where(easy, frames["status"], "refused"),
+        ).sample(frac=1, random_state=1)
+        stored = dataclasses.replace(first.stored, frames=picky, label="the picky")
+        changed.append(dataclasses.replace(board, entries=(first, dataclasses.replace(first, stored=stored))))
+    rows = {row.label: row for row in overall_rows(changed)}
+    found = PAIRED.estimate(rows["the picky"])
+    assert (found.value, found.low, found.high) == pytest.approx((2.0, 2.0, 2.0))
+    assert PAIRED.value(rows[best]) == "1.00"
+    assert PAIRED.interval(rows[best]) == ""
+    assert rows["the picky"].lacks(PAIRED) == 0
+
+
+def test_who_identifies_nothing_or_not_all_sets_has_no_paired_error(boards):
+    rows = {row.label: row for row in overall_rows(boards)}
+    assert PAIRED.value(rows["never"]) == "—"
+    assert rows["never"].lacks(OWN_BOUND) == 0
+    one = boards[0]
+    alone = dataclasses.replace(one, entries=one.entries[:1])
+    fewer = overall_rows([alone, *boards[1:]])
+    assert [PAIRED.value(row) == "—" for row in fewer] == [False] + [True] * (len(SOLVERS) - 1)
+    everyone_once = [dataclasses.replace(one, entries=one.entries[k : k + 1]) for k in range(2)]
+    assert all(PAIRED.value(row) == "—" for row in overall_rows(everyone_once))
+    assert set(paired_errors(one, one.entries[0].label)) == {entry.label for entry in one.entries}
+
+
+def test_the_table_over_all_sets_says_what_its_rows_can_be_compared_by(boards):
+    assert "do not compare rows" in SHOWN[2].hint
+    assert SHOWN[3] is PAIRED
+    table, *_ = result_tables(boards)
+    assert "do not compare rows" in table.caption
+    (overall,) = overall_document(boards)
+    assert "identified_error_ratio" in overall["solvers"][0]
 
 
 def test_who_did_not_answer_all_sets_is_named_below_the_table(boards):
