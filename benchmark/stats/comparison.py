@@ -287,6 +287,23 @@ def ranks(
     return tuple(sorted(found, key=lambda rank: (rank.rank, rank.solver)))
 
 
+def lead_p(best: str, comparisons: Sequence[Comparison]) -> float:
+    """P-value of "this solver succeeds more often than every other": its largest against any of them, adjusted by Holm.
+
+    The adjustment for all pairs of the family covers that the solver was chosen for being first. 1 where another one succeeds
+    as often, or there is no other.
+
+    Parameters
+    ----------
+    best : str
+    comparisons : sequence of Comparison
+        Those of `compare`, of all pairs.
+    """
+    mine = [c for c in comparisons if best in (c.first, c.second)]
+    ahead = [c.difference.value * (1.0 if c.first == best else -1.0) > 0.0 for c in mine]
+    return max((c.success_p_holm if first else 1.0 for c, first in zip(mine, ahead, strict=True)), default=1.0)
+
+
 def detectable(comparisons: Sequence[Comparison], level: float = LEVEL, power: float = 0.8) -> float:
     """Smallest true difference of success that a table of comparisons detects with probability `power`.
 

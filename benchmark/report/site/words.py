@@ -14,31 +14,32 @@ from benchmark.report.site.tree import StoredResult
 from benchmark.run.identities import identities_in
 from benchmark.run.provenance import SEVERAL, Renewal
 from benchmark.solvers.isolation import NOT_ISOLATED
+from benchmark.stats.comparison import LEVEL, lead_p
+from benchmark.stats.paired_tests import holm
 from generator.identity.revision import GENERATOR_REVISION
 
 NOT_RECORDED = "not recorded"
 
 
 def site_verdict(boards: Sequence[Board]) -> str:
-    """Conclusion from the leaderboard, in a sentence or two."""
-    leads: Counter[str] = Counter()
-    shared = 0
-    for board in boards:
-        if len(board.entries) < 2:
-            continue
-        best = [entry for entry in board.entries if entry.rank.low == 1]
-        if len(best) == 1:
-            leads[best[0].label] += 1
-        else:
-            shared += 1
-    compared = sum(leads.values()) + shared
+    """Conclusion from the leaderboard, in a sentence or two.
+
+    It names the leader of each comparison at once, so the p-values of the leads, each adjusted for the pairs of its own
+    comparison, are adjusted by Holm for all comparisons, too.
+    """
+    compared = [board for board in boards if len(board.entries) > 1]
     if not compared:
         return "One solver to each comparison: nothing to rank yet."
+    first = [board.entries[0].label for board in compared]
+    adjusted = holm([lead_p(label, board.comparisons) for label, board in zip(first, compared, strict=True)])
+    leads = Counter(label for label, p in zip(first, adjusted, strict=True) if p <= LEVEL)
+    undecided = len(compared) - leads.total()
     parts = [f"{name} leads {count}" for name, count in leads.most_common()]
-    if shared:
-        parts.append(f"in {shared} the first place is not decided")
-    noun = "comparisons" if compared != 1 else "comparison"
-    return f"Of {compared} {noun} (a task in one mode of detections): {'; '.join(parts)}."
+    if undecided:
+        parts.append(f"in {undecided} the first place is not decided")
+    noun = "comparisons" if len(compared) != 1 else "comparison"
+    level = " (5 % level for all of them together)" if leads else ""
+    return f"Of {len(compared)} {noun} (a task in one mode of detections): {'; '.join(parts)}{level}."
 
 
 def left_out_words(part: StoredResult, whole: StoredResult) -> str:
