@@ -14,6 +14,8 @@ F8 = NDArray[np.float64]
 
 FEWEST_CLUSTERS = 40
 """With fewer clusters, the largest values are too rarely among them for an interval of the mean."""
+LARGEST_SHARE = 0.5
+"""Where one cluster has more of the sum, the sample says next to nothing about how often such a cluster occurs."""
 
 
 def skewed_mean_estimate(values: ArrayLike, resamples: Resamples) -> Estimate:
@@ -21,7 +23,8 @@ def skewed_mean_estimate(values: ArrayLike, resamples: Resamples) -> Estimate:
 
     In a sample without the rare large values, both the mean and its own standard deviation are too small, so a percentile
     interval ends too low. Each resample is therefore measured in units of its own standard deviation, on the scale on which
-    the mean is least skewed. There is no interval for values in fewer than `FEWEST_CLUSTERS` clusters, or where all agree.
+    the mean is least skewed. There is no interval for values in fewer than `FEWEST_CLUSTERS` clusters, where all agree, or
+    where one cluster has more than `LARGEST_SHARE` of the sum.
 
     Parameters
     ----------
@@ -44,6 +47,8 @@ def skewed_mean_estimate(values: ArrayLike, resamples: Resamples) -> Estimate:
     if part.n_clusters < FEWEST_CLUSTERS or mean <= 0.0:
         return Estimate(mean, math.nan, math.nan, n)
     total, count = (np.bincount(part.cluster, weights=one) for one in (x[known], np.ones(n)))
+    if total.max() > LARGEST_SHARE * total.sum():
+        return Estimate(mean, math.nan, math.nan, n)
     sums = np.column_stack((total, count, total**2, total * count, count**2))
     (_, spread), (means, spreads) = _relative(sums.sum(axis=0)[None]), _relative(part.cluster_sums(sums))
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -49,9 +49,12 @@ def test_the_mean_of_skewed_numbers(spread, n, lowest):
         values = rng.chisquare(2, n) * np.exp(spread * rng.standard_normal(n))
         found.append(skewed_mean_estimate(values, drawn))
         percentile.append(mean_estimate(values, drawn, (0.0, math.inf)))
-    assert_covers(covered(found, truth), TRIALS, lowest, 0.97)
+    known = [k for k, one in enumerate(found) if not math.isnan(one.low)]  # not one value with most of the sum
+    assert len(known) > 0.9 * TRIALS
+    stated = covered([found[k] for k in known], truth)
+    assert_covers(stated, len(known), lowest, 0.97)
     if spread >= 1.5:
-        assert covered(percentile, truth) < covered(found, truth)
+        assert covered([percentile[k] for k in known], truth) < stated
 
 
 def test_the_mean_of_skewed_numbers_by_site():

@@ -87,3 +87,14 @@ def test_a_skewed_mean_has_an_interval_from_forty_sites_on():
     for sites in (39, 40):
         found = skewed_mean_estimate(values[:sites], Resamples.of(np.arange(sites)))
         assert math.isfinite(found.high) == (sites == 40)
+
+
+def test_a_skewed_mean_has_no_interval_where_one_site_has_most_of_the_sum():
+    values = np.append(np.random.default_rng(8).exponential(size=58), (0.0, 0.0))
+    for largest, known in ((0.9, True), (1.1, False)):
+        values[-1] = values[:-1].sum() * largest
+        found = skewed_mean_estimate(values, Resamples.of(np.arange(60)))
+        assert found.value == values.mean()
+        assert math.isfinite(found.low) == math.isfinite(found.high) == known
+    split = np.concatenate((values[:-1], np.full(10, values[-1] / 10)))
+    assert math.isnan(skewed_mean_estimate(split, Resamples.of(np.minimum(np.arange(69), 59))).high)
