@@ -49,9 +49,10 @@ def by_solver(boards: Boards) -> str:
 
 
 def by_condition(boards: Boards) -> str:
-    """Successes at each condition from easy to hard, and where the share of successes falls below one half."""
+    """Successes at each condition from easy to hard, and where success falls below one half, with its interval."""
     lines = [
-        "| task | frames a condition | solver | successes, from easy to hard | falls below one half between | wrong |",
+        "| task | frames a condition | solver | successes, from easy to hard "
+        "| falls below one half between (95 % interval) | wrong |",
         "|---|---|---|---|---|---|",
     ]
     for task, rows in boards.items():
@@ -101,17 +102,26 @@ def _levels(row: StoredResult) -> tuple[list[float], list[int], str]:
 
 
 def _bracket(row: StoredResult, levels: list[float]) -> str:
-    """Describe the tested values around the break point."""
-    found = break_point(row.frames, row.task.harder, limit_km=row.task.limit_km).value
-    unit = f" {row.task.unit}" if row.task.unit else ""
+    """Describe the tested values around the break point, and its interval, from the easier to the harder end."""
+    point = break_point(row.frames, row.task.harder, limit_km=row.task.limit_km)
+    found, unit = point.value, f" {row.task.unit}" if row.task.unit else ""
+    ends = (point.low, point.high)[:: 1 if row.task.harder > 0 else -1]
+    interval = f" ({' to '.join(_end(end, levels, row.task.harder) for end in ends)})"
     if np.isfinite(found):
         around = tested_around(found, levels)
         if around is None:
-            return f"at {_number(found)}{unit}"
+            return f"at {_number(found)}{unit}{interval}"
         easier, harder = around if row.task.harder > 0 else around[::-1]
-        return f"{_number(easier)} and {_number(harder)}{unit}"
+        return f"{_number(easier)} and {_number(harder)}{unit}{interval}"
     hardest = np.inf if row.task.harder > 0 else -np.inf
-    return "not within" if found == hardest else f"at {_number(levels[0])}{unit} already"
+    return f"not within{interval}" if found == hardest else f"at {_number(levels[0])}{unit} already"
+
+
+def _end(end: float, levels: list[float], harder: int) -> str:
+    """One end of the interval of a break point; an infinite one is beyond the easiest or the hardest of the tested values."""
+    if np.isfinite(end):
+        return _number(float(f"{end:.3g}"))
+    return "beyond" if end * harder > 0 else f"before {_number(levels[0])}"
 
 
 def _number(value: float) -> str:

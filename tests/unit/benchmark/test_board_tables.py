@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import math
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -40,3 +42,16 @@ def test_a_changed_cell_is_found_and_mended(tables: ModuleType, tmp_path: Path) 
 def test_a_page_without_marks_is_named(tables: ModuleType) -> None:
     with pytest.raises(SystemExit, match="success by solver"):
         tables.with_tables("no table here", {"success by solver": "| a |"})
+
+
+def test_a_break_has_its_interval_from_the_easier_to_the_harder_end(tables: ModuleType) -> None:
+    levels = [0.125, 0.25, 0.5]
+    assert [tables._end(end, levels, 1) for end in (-math.inf, 0.33333, math.inf)] == [
+        "before 0.125",
+        "0.333",
+        "beyond",
+    ]
+    assert tables._end(math.inf, levels[::-1], -1) == "before 0.5"
+    text = tables.tables_of(ROOT / "results" / "leaderboard")[tables.BY_CONDITION_TABLE]
+    brackets = [line.split(" | ")[-2] for line in text.splitlines()[2:]]
+    assert all(re.search(r"\(.+ to .+\)$", one) or one.endswith("already") for one in brackets)
