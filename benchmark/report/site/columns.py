@@ -106,7 +106,7 @@ def _metric(key: str) -> Callable[[Measured], Estimate]:
 SUCCESS = Column("success", "of all frames", lambda entry: entry.success, percent, "descending", True)
 MEDIAN = Column("median error, km", "refused = ∞", _metric("median_error_km"), number, "ascending")
 WRONG = Column(
-    "wrong and confident", "a fix beyond the limit", _metric("wrong_and_confident"), percent, "ascending", True
+    "wrong and confident", "any fix beyond the limit", _metric("wrong_and_confident"), percent, "ascending", True
 )
 TIME = Column("median time, ms", "per frame", _metric("median_time_ms"), number, "ascending")
 BOUND = Column("error / bound", "median of identified fixes", _metric("identified_bound_ratio"), number, "ascending")

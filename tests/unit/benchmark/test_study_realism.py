@@ -96,6 +96,7 @@ def test_the_page_says_what_was_found_and_what_is_undefined() -> None:
     nothing = Outcomes(("a", "b"), np.full((2, 4), INF), np.full((2, 4), INF))
     study = Study(names, "008.fits", nothing, agreement_of(nothing), tables, [], "command", 1.0)
     assert "undefined" in page(study, Mark("command", {"the study realism": "0" * 12}, {}), "")
+    assert "its interval tells little" in text
 
 
 def binned_numbers(name: str) -> dict[str, object]:
