@@ -1,9 +1,9 @@
-"""Write the tables of docs/tasks.md from the boards: python tools/build_board_tables.py [--boards DIR] [--check].
+"""Write the tables of docs/tasks.md and docs/rivals.md from the boards: tools/build_board_tables.py [--boards DIR] [--check].
 
 The tables only show complete systems, each with its own detector. The first table has success and wrong fixes of the solvers
-on each task that most of them have run (a dash: not run). The second has successes at each condition and the bracket of the
-break point, the third errors over the bound where the supplied vertical limits every solver. `--check` writes nothing and
-fails where the page has other tables.
+on each task that most of them have run (a dash: not run). The second has successes at each condition, the bracket of the
+break and its interval, the third errors over the bound where the supplied vertical limits every solver. The table of
+docs/rivals.md shows what each solver makes of a sequence. `--check` writes nothing and fails where a page has other tables.
 """
 
 from __future__ import annotations
@@ -17,15 +17,26 @@ import numpy as np
 
 from benchmark.report.site.tree import StoredResult, read_tree
 from benchmark.stats.break_point import break_point, tested_around
-from benchmark.stats.frame_metrics import column, fixed, succeeded
+from benchmark.stats.covariance import nees_of_identified
+from benchmark.stats.frame_metrics import column, errors_km, fixed, resamples_of, succeeded
 
-PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
+DOCS = Path(__file__).parents[1] / "docs"
 SOLVERS = ("skybench", "learned", "tetra3rs", "cedar-solve", "zenith-fixer", "ruststartracker")
 LEAST = 4
 """Number of these solvers that must have run a task for it to get a line."""
 BY_CONDITION = ("skybench", "tetra3rs", "tetra3rs-fused")
 BY_SOLVER_TABLE, BY_CONDITION_TABLE, BOUND_TABLE = "success by solver", "success by condition", "error over bound"
-LIMITED_BY_ATTITUDE = "attitude@2"
+FUSION_TABLE = "fusion over frames"
+TABLES_OF_PAGE = {
+    "tasks.md": (BY_SOLVER_TABLE, BY_CONDITION_TABLE, BOUND_TABLE),
+    "rivals.md": (FUSION_TABLE,),
+}
+LIMITED_BY_ATTITUDE, SEQUENCES = "attitude@2", "uav@1"
+FUSED = (
+    "skybench",
+    *(f"{name}-fused" for name in ("tetra3rs", "cedar-solve", "learned", "ruststartracker", "zenith-fixer")),
+)
+"""Solvers that answer whole sequences."""
 Boards = Mapping[str, Mapping[str, StoredResult]]
 
 
@@ -75,6 +86,33 @@ def over_bound(rows: Mapping[str, StoredResult]) -> str:
         values, ratios = column(row.frames, row.task.by), column(row.frames, "error_km") / column(row.frames, "crlb_km")
         medians = [np.median(ratios[(values == level) & fixed(row.frames)]) for level in levels]
         lines.append(f"| {solver} | {' | '.join(f'{median:.3g}' for median in medians)} |")
+    return "\n".join(lines)
+
+
+def fusion(rows: Mapping[str, StoredResult]) -> str:
+    """Right answers after each number of frames, wrong ones, NEES, and the median error of the longest sequences.
+
+    The median is over all sequences, a refusal infinitely far off.
+    """
+    shown = {solver: rows[solver] for solver in FUSED if solver in rows}
+    levels = _levels(next(iter(shown.values())))[0]
+    heads = ["solver", *map(_number, levels), "all", "wrong", "NEES", f"median after {_number(levels[0])}, km"]
+    lines = [f"| {' | '.join(heads)} |", f"|{'-|' * len(heads)}"]
+    for solver, row in shown.items():
+        right, wrong = _outcome(row)
+        longest = column(row.frames, row.task.by) == levels[0]
+        median = np.median(errors_km(row.frames)[longest])
+        nees = nees_of_identified(row.frames, resamples_of(row.frames), row.task.limit_km).value
+        total = f"{right.sum()} of {len(right)}" if len(lines) == 2 else str(right.sum())
+        cells = [
+            solver,
+            *map(str, _levels(row)[1]),
+            total,
+            str(wrong),
+            "-" if np.isnan(nees) else f"{nees:.2f}",
+            f"{median:.1f}",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -129,7 +167,7 @@ def _number(value: float) -> str:
     return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1e4 else f"{value:g}"
 
 
-def with_tables(page: str, tables: Mapping[str, str], page_name: str = PAGE.name) -> str:
+def with_tables(page: str, tables: Mapping[str, str], page_name: str = "tasks.md") -> str:
     """Replace each table of a page between its marks."""
     for name, table in tables.items():
         begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
@@ -145,25 +183,28 @@ def tables_of(boards: Path) -> dict[str, str]:
     """All tables by their names."""
     rows = whole_systems(boards)
     tables = {BY_SOLVER_TABLE: by_solver(rows), BY_CONDITION_TABLE: by_condition(rows)}
-    limited = rows.get(LIMITED_BY_ATTITUDE)
-    return tables | {BOUND_TABLE: over_bound(limited)} if limited else tables
+    if limited := rows.get(LIMITED_BY_ATTITUDE):
+        tables[BOUND_TABLE] = over_bound(limited)
+    if sequences := rows.get(SEQUENCES):
+        tables[FUSION_TABLE] = fusion(sequences)
+    return tables
 
 
 def main(arguments: Iterable[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--boards", type=Path, default=PAGE.parents[1] / "results" / "leaderboard")
-    parser.add_argument("--page", type=Path, default=PAGE)
+    parser.add_argument("--boards", type=Path, default=DOCS.parent / "results" / "leaderboard")
+    parser.add_argument("--page", type=Path, nargs="+", default=[DOCS / name for name in TABLES_OF_PAGE])
     parser.add_argument("--check", action="store_true")
     asked = parser.parse_args(None if arguments is None else list(arguments))
-    before = asked.page.read_text(encoding="utf-8")
-    after = with_tables(before, tables_of(asked.boards))
-    if asked.check:
-        if before != after:
-            raise SystemExit(
-                f"{asked.page}: its tables are not of {asked.boards}; run python tools/build_board_tables.py"
-            )
-    else:
-        asked.page.write_text(after, encoding="utf-8")
+    made = tables_of(asked.boards)
+    for page in asked.page:
+        before = page.read_text(encoding="utf-8")
+        names = TABLES_OF_PAGE[page.name]
+        after = with_tables(before, {name: table for name, table in made.items() if name in names}, page.name)
+        if not asked.check:
+            page.write_text(after, encoding="utf-8")
+        elif before != after:
+            raise SystemExit(f"{page}: its tables are not of {asked.boards}; run python tools/build_board_tables.py")
 
 
 if __name__ == "__main__":
