@@ -30,11 +30,11 @@ KEYS: dict[Column, str] = {
 """Names of the columns in files."""
 _RATIOS = (BOUND, NEES, TIME)
 """Columns in which ratios matter: they are averaged by geometric means, so that no set of frames outweighs all others."""
-OWN_BOUND = replace(BOUND, hint="each on its own identified fixes: do not compare rows")
+OWN_BOUND = replace(BOUND, hint="of its own fixes: do not compare rows")
 _PAIRED_KEY = "identified_error_ratio"
 PAIRED = Column(
     "error, paired",
-    "over that of the solver with most successes, on frames both identify",
+    "to the most successful's, where both identify",
     lambda row: row.metrics[_PAIRED_KEY],
     number,
     "ascending",
