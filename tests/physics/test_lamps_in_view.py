@@ -15,11 +15,12 @@ from generator.errors import ScenarioError
 from generator.frame.exposure.expected import render_expected
 from generator.frame.object_table import object_table
 from generator.frame.plan import plan_frame
-from generator.ground.lamp import KINDS, Lamp, spectrum
+from generator.ground.lamp import KINDS, Lamp, spectra, spectrum
 from generator.ground.lighting import lamp_illuminance
 from generator.ground.panorama import Panorama, reduced
-from generator.light.lamps import LAMPS_PATH
+from generator.light.lamps import LAMPS_PATH, luminous
 from generator.light.photometry import BESSELL_V, GRID_NM
+from generator.light.stellar_spectra import star_spectra
 from generator.scenario.file import parse_scenario
 
 CAMERA = {"width": 120, "height": 90, "f_px": 100.0, "aperture_mm": 5.0, "bloom": {"share": 0}, "veiling_glare": 0}
@@ -64,6 +65,15 @@ def test_a_lamp_s_electrons_follow_from_its_candela(tmp_path, kind) -> None:
     assert (table[0]["centroid_u_px"], table[0]["centroid_v_px"]) == pytest.approx(
         (59.5, 44.5 - 100 * np.tan(np.radians(2.0))), abs=1e-3
     )
+
+
+def test_a_star_of_v_zero_is_as_bright_as_published() -> None:
+    """2.54e-6 lx (Crumey 2014, MNRAS 442, 2600) for a white star; the light of sodium of the same V is a quarter more."""
+    star = float(luminous(star_spectra([0.0], [0.0]))[0])
+    assert star == pytest.approx(2.54e-6, rel=0.02)
+    of_v_zero = dict(zip(KINDS, luminous(spectra()), strict=True))
+    assert of_v_zero["HPS"] / 2.54e-6 == pytest.approx(1.23, abs=0.03)
+    assert of_v_zero["red"] / 2.54e-6 == pytest.approx(1.49, abs=0.04)
 
 
 def test_air_dims_a_far_lamp(tmp_path) -> None:

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 import speclite.filters
+from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
+from scipy import constants
 from small_scenes import V_BAND_QE, small_scenario
 
 from generator.frame.exposure.expected import render_expected
@@ -33,6 +35,24 @@ def test_band_is_bessell_1990_as_speclite_has_it(band, name) -> None:
     energy = band.response * band.wavelength_nm
     scale = published.response.max() / energy.max()
     np.testing.assert_allclose(energy * scale, published.response, atol=5e-4)
+
+
+def test_v_counts_photons_as_bessell_and_murphy_do() -> None:
+    """Their photonic passband (2012, PASP 124, 140) from 480 to 560 nm, where it follows the table of 1990."""
+    published = [0.033, 0.176, 0.485, 0.811, 0.986, 1.000, 0.955, 0.865, 0.750]
+    at = np.arange(480.0, 561.0, 10.0)
+    np.testing.assert_allclose(np.interp(at, BESSELL_V.wavelength_nm, BESSELL_V.response), published, atol=6e-4)
+
+
+def test_magnitudes_of_the_sun() -> None:
+    """The spectrum of ASTM G173 outside the air: V -26.76 +- 0.02 (Willmer 2018, ApJS 236, 47), B-V 0.653 +- 0.003 and V-I
+    0.702 +- 0.010 (Ramirez et al. 2012, ApJ 752, 5)."""
+    wavelength, power = SD_ASTMG173_ETR.wavelengths, SD_ASTMG173_ETR.values
+    photons = power * wavelength * 1e-9 / (constants.h * constants.c)
+    b, v, i = (float(band.magnitude(wavelength, photons)) for band in (BESSELL_B, BESSELL_V, BESSELL_I))
+    assert v == pytest.approx(-26.76, abs=0.02)
+    assert b - v == pytest.approx(0.653, abs=0.004)
+    assert v - i == pytest.approx(0.702, abs=0.015)
 
 
 def test_v_zero_gives_1000_photons() -> None:
