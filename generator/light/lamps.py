@@ -89,7 +89,7 @@ def luminous(spectra: Floats) -> Floats:
     """Luminous flux of photon spectra (..., n) at GRID_NM, photons s^-1 nm^-1: lumen, (...) array.
 
     Photons s^-1 m^-2 nm^-1 give lux. A star of V = 0 gives 2.54e-6 lx (Crumey 2014, MNRAS 442, 2600), light of sodium of
-    the same V a quarter more.
+    the same V 30 % more.
     """
     return np.asarray(spectra @ _lumen_per_photon())
 

@@ -58,7 +58,7 @@ def test_pixel_images_against_galsim(case, offset) -> None:
 
 @pytest.mark.parametrize(("fwhm_px", "beta", "support_px"), [(3.0, 1.5, 10), (2.0, 2.0, 8)])
 def test_wide_wings_of_moffat_are_those_of_its_formula(fwhm_px, beta, support_px) -> None:
-    """Light within a circle of radius r: 1 - (1 + r^2 / a^2)^(1 - beta), a = fwhm / (2 sqrt(2^(1 / beta) - 1)) (Moffat 1969)."""
+    """Light within r: 1 - (1 + r^2 / a^2)^(1 - beta), a = fwhm / (2 sqrt(2^(1 / beta) - 1)) (Moffat 1969)."""
     stamp = sampled(
         pixel_psf(
             PsfSpec(moffat=MoffatSpec(fwhm_px=fwhm_px, beta=beta), support_px=support_px), 550.0, 0j, PITCH_UM
