@@ -26,8 +26,8 @@ KEYS: dict[Column, str] = {
     RISK: "risk_coverage_area",
 }
 """Names of the columns in files."""
-_RATIOS = (BOUND, TIME)
-"""Columns in which ratios matter: they are averaged by geometric means."""
+_RATIOS = (BOUND, NEES, TIME)
+"""Columns in which ratios matter: they are averaged by geometric means, so that no set decides alone."""
 _OF_ALL_FRAMES = (RISK,)
 """Columns that depend on the difficulty of a set: a mean over some of the sets would flatter."""
 

@@ -14,31 +14,39 @@ from benchmark.report.site.tree import StoredResult
 from benchmark.run.identities import identities_in
 from benchmark.run.provenance import SEVERAL, Renewal
 from benchmark.solvers.isolation import NOT_ISOLATED
+from benchmark.stats.comparison import LEVEL
+from benchmark.stats.paired_tests import holm
 from generator.identity.revision import GENERATOR_REVISION
 
 NOT_RECORDED = "not recorded"
 
 
 def site_verdict(boards: Sequence[Board]) -> str:
-    """Conclusion from the leaderboard, in a sentence or two."""
-    leads: Counter[str] = Counter()
-    shared = 0
-    for board in boards:
-        if len(board.entries) < 2:
-            continue
-        best = [entry for entry in board.entries if entry.rank.low == 1]
-        if len(best) == 1:
-            leads[best[0].label] += 1
-        else:
-            shared += 1
-    compared = sum(leads.values()) + shared
+    """Conclusion from the leaderboard, in a sentence or two.
+
+    The best solver of a board leads if its least certain comparison with another, adjusted for all pairs of the board, stays
+    significant when it is adjusted for all boards too.
+    """
+    compared = [board for board in boards if len(board.entries) > 1]
     if not compared:
         return "One solver to each comparison: nothing to rank yet."
+    leads: Counter[str] = Counter()
+    for board, p_value in zip(compared, holm([_lead_p(board) for board in compared]), strict=True):
+        if p_value <= LEVEL:
+            leads[board.entries[0].label] += 1
     parts = [f"{name} leads {count}" for name, count in leads.most_common()]
-    if shared:
-        parts.append(f"in {shared} the first place is not decided")
-    noun = "comparisons" if compared != 1 else "comparison"
-    return f"Of {compared} {noun} (a task in one mode of detections): {'; '.join(parts)}."
+    if open_ := len(compared) - sum(leads.values()):
+        parts.append(f"in {open_} the first place is not decided")
+    noun = "comparisons" if len(compared) != 1 else "comparison"
+    return (
+        f"Of {len(compared)} {noun} (a task in one mode of detections; 5 % level for all together): {'; '.join(parts)}."
+    )
+
+
+def _lead_p(board: Board) -> float:
+    """P-value of the first place: that of the least certain of its comparisons, adjusted for all pairs of the board."""
+    best = board.entries[0].label
+    return max(pair.success_p_holm for pair in board.comparisons if best in (pair.first, pair.second))
 
 
 def left_out_words(part: StoredResult, whole: StoredResult) -> str:

@@ -33,7 +33,6 @@ from benchmark.report.site.pictures import Pictures
 from benchmark.report.site.tree import read_tree
 from benchmark.report.site.words import detectable_words, left_out_words, processor_words, site_verdict
 from benchmark.run.packing import pack_tree
-from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
 from generator.identity.pixels import pixels_sha256
 
@@ -157,12 +156,13 @@ def test_the_best_solver_comes_first_and_the_verdict_admits_doubt(boards):
     for board in boards:
         rates = [entry.success.value for entry in board.entries]
         assert rates == sorted(rates, reverse=True)
-    sure = dataclasses.replace(boards[0], entries=tuple(_ranked(boards[0], (1, 2, 3, 4, 5, 6))))
-    doubt = dataclasses.replace(boards[0], entries=tuple(_ranked(boards[0], (1, 1, 3, 4, 5, 6))))
+    sure, doubt = (_with_p(boards[0], p) for p in (0.03, 0.06))
     assert (
-        site_verdict([sure]) == f"Of 1 comparison (a task in one mode of detections): {sure.entries[0].label} leads 1."
+        site_verdict([sure]) == "Of 1 comparison (a task in one mode of detections; 5 % level for all together): "
+        f"{sure.entries[0].label} leads 1."
     )
     assert "in 1 the first place is not decided" in site_verdict([doubt])
+    assert "in 2 the first place is not decided" in site_verdict([sure, sure]), "0.03 twice is 0.06 for both"
     assert "12.3 points of success" in detectable_words(dataclasses.replace(boards[0], detectable=0.123))
     assert "none" in detectable_words(dataclasses.replace(boards[0], detectable=math.nan))
 
@@ -182,9 +182,10 @@ def test_rows_timed_on_several_processors_are_named(boards):
     assert processor_words([mixed, *boards]) == several
 
 
-def _ranked(board, lows):
-    for entry, low in zip(board.entries, lows, strict=True):
-        yield dataclasses.replace(entry, rank=Rank(entry.label, low, low, 6))
+def _with_p(board, p):
+    return dataclasses.replace(
+        board, comparisons=tuple(dataclasses.replace(pair, success_p_holm=p) for pair in board.comparisons)
+    )
 
 
 def test_success_is_shown_by_what_varies_besides_the_condition(boards):
