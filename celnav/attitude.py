@@ -97,10 +97,10 @@ class Attitude:
             keys are refused because a misspelt sigma would make the attitude exact.
         """
         try:
-            record = json.loads(Path(path).read_text(encoding="utf-8"))
+            record = json.loads(Path(path).read_text(encoding="utf-8-sig"))
         except OSError as error:
             raise AttitudeError(f"cannot read attitude file {path}: {error.strerror}") from None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise AttitudeError(f"attitude file {path} is not JSON: {error}") from None
         inner = isinstance(record, dict) and isinstance(record.get("attitude"), dict)
         if inner:

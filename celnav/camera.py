@@ -144,10 +144,10 @@ class Camera:
             When the file cannot be read or holds no valid camera; the message names the key.
         """
         try:
-            record = json.loads(Path(path).read_text(encoding="utf-8"))
+            record = json.loads(Path(path).read_text(encoding="utf-8-sig"))
         except OSError as error:
             raise CameraError(f"cannot read camera file {path}: {error.strerror}") from None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise CameraError(f"camera file {path} is not JSON: {error}") from None
         if isinstance(record, dict) and "camera" in record:
             record = record["camera"]

@@ -34,8 +34,13 @@ def v_mean(power: dict[int, float]) -> float:
     """Mean of a spectral power over Bessell's V band."""
     from generator.light.photometry import BESSELL_V
 
+    # The band's response is to photons; a mean of power is weighted by the response to energy.
+    weight = BESSELL_V.response * BESSELL_V.wavelength_nm
     wavelengths = np.array(sorted(power), float)
-    return float(BESSELL_V.mean(wavelengths, np.array([power[int(one)] for one in wavelengths])))
+    watts = np.array([power[int(one)] for one in wavelengths])
+    fine = np.arange(BESSELL_V.wavelength_nm[0], BESSELL_V.wavelength_nm[-1])
+    response = np.interp(fine, BESSELL_V.wavelength_nm, weight)
+    return float(np.sum(np.interp(fine, wavelengths, watts) * response) / np.sum(response))
 
 
 def extended(name: str, power: dict[int, float]) -> dict[int, float]:

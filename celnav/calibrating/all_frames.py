@@ -62,10 +62,12 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
             return i, bundle
     if left:
         raise NothingNamedError(left)
-    if is_mirrored(field.frames[0], field.skies[0]):
+    fullest = max(range(len(field.frames)), key=lambda i: len(field.frames[i].uv))
+    if is_mirrored(field.frames[fullest], field.skies[fullest]):
         raise CalibrationError("the frames show the sky mirrored: turn the rows of the images over")
     raise NothingNamedError(
-        "no frame shows stars that could be named in its middle: give a clearer frame, longer exposures or a camera"
+        "no frame shows stars that could be named in its middle: give a clearer frame, longer exposures or a camera; pixels "
+        "that are not square need one with f_px and fy_px (--camera)"
     )
 
 

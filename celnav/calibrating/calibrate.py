@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.calibrating.all_frames import fit_all
+from celnav.calibrating.beside_axis import SURE_PX, scatter_px
 from celnav.calibrating.blind_start import Start
 from celnav.calibrating.bundle import adjust
 from celnav.calibrating.calibration import CameraCalibration, FrameAttitude, Residuals
@@ -26,10 +27,14 @@ from celnav.checking import finite_number, shown
 from celnav.errors import CalibrationError, ConfigError
 from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
+from celnav.sky.utc import Utc
 
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 MountChoice = Literal["auto", "night", "frame"]
+
+# A lens of the asked laws scatters by at most this factor more than a general one.
+_MOST_SCATTER = 3.0
 
 
 def calibrate(
@@ -111,6 +116,8 @@ def calibrate(
     # If the law differs, the start has no distortion, so it is fitted to the present stars before others are searched for.
     lens = adjust(started(general.bundle, form), general.seen, seen_group, robust=False)
     fit = refine(part, lens, general.group)
+    if judged:
+        _check_follows(fit, form, general)
     assert fit.bundle.turn_cov is not None
     steady = drift_chance(fit.bundle.rotations, fit.bundle.turn_cov, night) >= LEAST_CHANCE
     if len(np.unique(night)) < len(night) and (mount == "night" or (mount == "auto" and steady)):
@@ -140,8 +147,27 @@ def _check(frames: list[CalibrationFrame], mount: str, camera: Camera | None, fo
             f"the camera has {camera.width} x {camera.height} pixels and the frames have {width} x {height}: scale its focal "
             "length and principal point to the frames, or leave it out"
         )
+    first: dict[tuple[Utc, bytes], CalibrationFrame] = {}
+    for frame in frames:
+        same = first.setdefault((frame.utc, frame.uv.tobytes()), frame)
+        if same is not frame:
+            raise CalibrationError(
+                f"{same.name} and {frame.name} have the same time and detections: give each frame once"
+            )
     if mount not in ("auto", "night", "frame"):
         raise ConfigError(f"mount = {mount!r} must be auto, night or frame")
+
+
+def _check_follows(fit: JointFit, form: LensForm, general: JointFit) -> None:
+    """Raise if a lens of the chosen form loses half of the stars that a general lens follows, or lies far from them."""
+    found, scatter = len(fit.seen), scatter_px(fit)
+    if 2 * found >= len(general.seen) and scatter <= max(SURE_PX, _MOST_SCATTER * scatter_px(general)):
+        return
+    best, _ = choose_form(general.bundle, general.seen, general.group[general.seen.frame])
+    raise CalibrationError(
+        f"no lens of the model {form.model} (--models, --opencv-only) follows the stars: {found} of {len(general.seen)} "
+        f"remain, {scatter:.2f} px apart from it; {best.model} does, so name it or leave the choice free"
+    )
 
 
 def _check_opencv(models: tuple[str, ...], form: LensForm | None) -> None:

@@ -73,6 +73,8 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
         except RecursionError:
             raise AttitudeError(f"attitude file {text} is nested too deep") from None
         except AttitudeError as error:
+            if isinstance(error.__context__, RecursionError):
+                raise AttitudeError(f"attitude file {text} is nested too deep") from None
             named = str(error) if text in str(error) else f"attitude file {text}: {error}"
             raise AttitudeError(named) from None
     angles = _angles(text)

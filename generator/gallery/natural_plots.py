@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from generator.gallery.twilight_plots import KOOMEN, KOOMEN_DEPRESSION, PARANAL, v_magnitude, with_night, zenith
 from generator.gallery.vision import naked_eye_limit
-from generator.light.atmosphere import Atmosphere, airmass, optical_depth
-from generator.light.lamps import LUMEN_PER_V_PHOTON
+from generator.light.atmosphere import Atmosphere
+from generator.light.lamps import luminous
+from generator.light.molecular_bands import beam_depth
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
 from generator.sky import milky_way, zodiacal
 from generator.sky.airglow import (
@@ -24,7 +25,7 @@ from generator.sky.airglow import (
     van_rhijn,
 )  # fmt: skip
 from generator.sky.assembly import star_light
-from generator.sky.component import total, v_band
+from generator.sky.component import total
 from generator.sky.directions import sky_grid
 from generator.sky.moon_irradiance import moon_spectrum, moon_v_mag
 from generator.sky.moonlight import moonlight
@@ -192,11 +193,12 @@ def full_moon_lux() -> float:
     """Illuminance of the ground by a full Moon 60 deg up, direct and scattered, lx."""
     air, magnitude = Atmosphere(1013.25, 0.1, 1.3, 300.0), float(moon_v_mag(0.0))
     moon = np.array([0.0, 0.5, np.sqrt(0.75)])
-    direct = moon_spectrum(magnitude, 0.0) * np.exp(-optical_depth(GRID_NM, air) * float(airmass(60.0)))
+    direct = moon_spectrum(magnitude, 0.0) * np.exp(-beam_depth(air, 60.0))
     altitude = np.radians(sky_grid().altitude_deg)
-    rows = moonlight(moon, magnitude, air).weighted(v_band()[None])[0].mean(axis=1)
-    diffuse = 2 * np.pi * np.trapezoid(rows * np.sin(altitude) * np.cos(altitude), altitude)
-    return float(v_band() @ direct * moon[2] + diffuse) * LUMEN_PER_V_PHOTON
+    sky = moonlight(moon, magnitude, air)
+    rows = np.asarray(sky.azimuth_mean).T @ sky.spectra
+    diffuse = 2 * np.pi * np.trapezoid(rows * (np.sin(altitude) * np.cos(altitude))[:, None], altitude, axis=0)
+    return float(luminous(direct * moon[2] + diffuse))
 
 
 def _magnitude(spectrum: Floats, band: Band) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import BakedAir
-from generator.light.lamps import LUMEN_PER_V_PHOTON, lamp_spectra
+from generator.light.lamps import lamp_spectra, luminous
 from generator.light.photometry import BESSELL_V, GRID_NM
 
 Floats = NDArray[np.float64]
@@ -77,8 +77,9 @@ def spectra() -> Floats:
 def apparent_v_mag(lamps: tuple[Lamp, ...], air: Atmosphere | None) -> Floats:
     """V at the camera from the illuminance, dimmed by the air's extinction at the ground at 550 nm, (n,) array."""
     lux = np.array([lamp.illuminance_lx for lamp in lamps])
+    of_v_zero = dict(zip(KINDS, luminous(spectra()), strict=True))
     kilometres = np.array([lamp.distance_m for lamp in lamps]) / 1000
-    magnitude = -2.5 * np.log10(lux / (LUMEN_PER_V_PHOTON * BESSELL_V.zero_point))
+    magnitude = -2.5 * np.log10(lux / np.array([of_v_zero[lamp.kind] for lamp in lamps]))
     return np.asarray(magnitude + MAG_PER_OPTICAL_DEPTH * extinction_per_km(air) * kilometres)
 
 

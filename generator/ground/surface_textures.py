@@ -17,7 +17,7 @@ from generator.ground.lighting import lamp_illuminance, transmission
 from generator.ground.panorama import Layers, Panorama, fitted_shape, reduced
 from generator.ground.reflectance import primaries
 from generator.ground.surface import REFLECTING, covered_cells, surface_maps
-from generator.light.lamps import LUMEN_PER_V_PHOTON
+from generator.light.lamps import luminous
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -187,12 +187,12 @@ def own_light(layers: Layers, ground: Ground, response: Floats) -> Singles:
     total = np.zeros((len(response), *layers.alpha.shape), np.float32)
     if layers.glow is not None:
         # cd/m^2 is lm m^-2 sr^-1, and the spectrum has a V-band mean of 1.
-        white = spectrum(WINDOW_LIGHT) * ground.panorama.glow_cd_m2 / LUMEN_PER_V_PHOTON
+        white = spectrum(WINDOW_LIGHT) * ground.panorama.glow_cd_m2 / luminous(spectrum(WINDOW_LIGHT))
         total += _by_channel(layers.glow, white, response)
     for kind in KINDS:
         lamps = tuple(lamp for lamp in ground.lamps if lamp.kind == kind)
         if lamps:
-            light = _by_channel(layers.reflectance, spectrum(kind) / (np.pi * LUMEN_PER_V_PHOTON), response)
+            light = _by_channel(layers.reflectance, spectrum(kind) / (np.pi * luminous(spectrum(kind))), response)
             total += light * lamp_illuminance(layers, lamps, ground.plain)
     return total
 

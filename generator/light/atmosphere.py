@@ -98,6 +98,13 @@ def ozone_optical_depth(wavelength_nm: ArrayLike, ozone_du: float) -> Floats:
     return ozone_du / 1000 * np.interp(np.asarray(wavelength_nm, float), _OZONE_NM, _OZONE_PER_ATM_CM)
 
 
+def scattering_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere) -> Floats:
+    """Vertical optical depth of what scatters light: air and aerosol, (n,) array."""
+    return rayleigh_optical_depth(wavelength_nm, atmosphere.pressure_hpa) + aerosol_optical_depth(
+        wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent
+    )
+
+
 def optical_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere) -> Floats:
     """Vertical optical depth of the whole atmosphere.
 
@@ -112,11 +119,7 @@ def optical_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere) -> Floats:
         Optical depth; multiplied by 1.0857 it is in magnitudes per airmass. The bands of water vapour and oxygen, whose
         depth is not proportional to the path, are in :mod:`generator.light.molecular_bands`.
     """
-    return (
-        rayleigh_optical_depth(wavelength_nm, atmosphere.pressure_hpa)
-        + aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
-        + ozone_optical_depth(wavelength_nm, atmosphere.ozone_du)
-    )
+    return scattering_depth(wavelength_nm, atmosphere) + ozone_optical_depth(wavelength_nm, atmosphere.ozone_du)
 
 
 def airmass(apparent_altitude_deg: ArrayLike) -> Floats:

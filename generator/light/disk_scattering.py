@@ -89,9 +89,14 @@ def disk_single(
 
 
 def disk_irradiance(
-    place_km: Floats, height_km: float, radius_km: float, bearings: int = 24, distances: int = 8
+    place_km: Floats,
+    height_km: float,
+    radius_km: float,
+    depths: Floats | None = None,
+    bearings: int = 24,
+    distances: int = 8,
 ) -> Floats:
-    """Light of a disk of lamps on a level plane above it, without air in between.
+    """Light of a disk of lamps on a level plane above it, dimmed by level air in between.
 
     Parameters
     ----------
@@ -99,20 +104,25 @@ def disk_irradiance(
         Points of the plane, relative to the point above the disk's centre.
     height_km, radius_km : float
         Height of the plane above the lamps, and radius of the disk.
+    depths : (m,) array or None
+        Vertical optical depths of the air; None for no air.
     bearings, distances : int
         Nodes around each point's foot and outwards from it.
 
     Returns
     -------
-    (patterns, n) array
-        Irradiance per unit photon output above the horizon in each of PATTERNS, km^-2.
+    (m, patterns, n) array
+        Irradiance per unit photon output above the horizon in each of PATTERNS, km^-2, behind each depth; m is 1 without air.
     """
     _, nearest, farthest, arc = _chords(place_km, radius_km, bearings)
     inner, outer = (0.5 * np.log1p(np.square(d / height_km)) for d in (nearest, farthest))
     node, weight = np.polynomial.legendre.leggauss(distances)
     cosine = np.exp(-0.5 * ((outer + inner)[..., None] + (outer - inner)[..., None] * node))
     solid = 0.5 * (arc * (outer - inner))[..., None] * weight
-    return np.einsum("knbu,nbu->kn", lamp_patterns(cosine), cosine * solid) / (np.pi * radius_km**2)
+    light = lamp_patterns(cosine) * cosine * solid / (np.pi * radius_km**2)
+    if depths is None:
+        return np.asarray(light.sum(axis=(-2, -1))[None])
+    return np.stack([np.einsum("knbu,nbu->kn", light, np.exp(-depth / cosine)) for depth in depths])
 
 
 def disk_nodes(

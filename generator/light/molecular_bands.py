@@ -91,6 +91,11 @@ def slant_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere, air_path: Arra
     return path[:, None] * scattered + through_ozone[:, None] * ozone + band_depth(wavelength_nm, atmosphere, path)
 
 
+def beam_depth(atmosphere: Atmosphere, apparent_altitude_deg: float) -> Floats:
+    """Optical depth of clear air at GRID_NM along a ray from an apparent altitude, (n,) array."""
+    return slant_depth(GRID_NM, atmosphere, airmass([apparent_altitude_deg]))[0]
+
+
 def depth_per_airmass(wavelength_nm: ArrayLike, atmosphere: Atmosphere, air_path: ArrayLike) -> Floats:
     """:func:`slant_depth` divided by the airmass, and at 0 its limit without bands, (m, n) array."""
     path = np.asarray(air_path, float)

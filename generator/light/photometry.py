@@ -24,7 +24,7 @@ class Band:
     Attributes
     ----------
     wavelength_nm, response : (n,) arrays
-        Relative response to photons, linear between the points, zero outside.
+        Relative response to photons (not to their energy), linear between the points, zero outside.
     zero_point : float
         Mean photon irradiance of a star of magnitude 0 in the band, photons s^-1 m^-2 nm^-1.
     """
@@ -61,34 +61,52 @@ class Band:
         return -2.5 * np.log10(self.mean(wavelength_nm, photons) / self.zero_point)
 
 
-# Passbands: Bessell 1990, PASP 102, 1181, table 2, every 10 nm. Zero points: Bessell, Castelli & Plez 1998, A&A 333, 231,
-# f_lambda of magnitude 0 (B 6.32e-9, V 3.63e-9 erg s^-1 cm^-2 A^-1), as photons at the effective wavelength.
-BESSELL_B = Band(
-    np.arange(360, 561, 10.0),
-    np.array(
-        [0, 0.030, 0.134, 0.567, 0.920, 0.978, 1.000, 0.978, 0.935, 0.853, 0.740, 0.640, 0.536, 0.424, 0.325, 0.235, 0.150,
-         0.095, 0.043, 0.009, 0]
-    ),
-    1393.5 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
+PLANCK_LIGHT_ERG_NM = 1.98644586e-9
+"""Planck's constant times the speed of light, erg nm: the energy of a photon times its wavelength."""
+
+
+def _band_of_energy(first_nm: float, energy_response: list[float], f_lambda: float) -> Band:
+    """Return a band whose response to energy is tabulated every 10 nm.
+
+    Parameters
+    ----------
+    first_nm : float
+    energy_response : list of float
+    f_lambda : float
+        Mean irradiance of magnitude 0, weighted by that response, erg s^-1 cm^-2 A^-1.
+    """
+    energy: Floats = np.array(energy_response, dtype=float)
+    wavelength: Floats = first_nm + 10.0 * np.arange(len(energy), dtype=float)
+    # A response to photons is one to energy over the wavelength: each photon counts once, whatever its energy.
+    photon = energy / wavelength
+    fine = np.arange(wavelength[0], wavelength[-1] + 0.05, 0.1)
+    response = np.interp(fine, wavelength, photon)
+    photons = f_lambda * np.sum(response * fine) / np.sum(response) / PLANCK_LIGHT_ERG_NM
+    return Band(wavelength, photon / photon.max(), float(photons) * PHOTONS_M2_NM_PER_CM2_ANGSTROM)
+
+
+# Passbands: Bessell 1990, PASP 102, 1181, table 2. They are responses to energy: divided by the wavelength, V is the
+# photonic passband of Bessell & Murphy 2012, PASP 124, 140, table 1, up to 560 nm, from where they have changed it. Zero
+# points of B and V: Bessell, Castelli & Plez 1998, A&A 333, 231, table A2.
+BESSELL_B = _band_of_energy(
+    360,
+    [0, 0.030, 0.134, 0.567, 0.920, 0.978, 1.000, 0.978, 0.935, 0.853, 0.740, 0.640, 0.536, 0.424, 0.325, 0.235, 0.150,
+     0.095, 0.043, 0.009, 0],
+    6.320e-9,
 )  # fmt: skip
-BESSELL_V = Band(
-    np.arange(470, 701, 10.0),
-    np.array(
-        [0, 0.030, 0.163, 0.458, 0.780, 0.967, 1.000, 0.973, 0.898, 0.792, 0.684, 0.574, 0.461, 0.359, 0.270, 0.197, 0.135,
-         0.081, 0.045, 0.025, 0.017, 0.013, 0.009, 0]
-    ),
-    995.9 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
+BESSELL_V = _band_of_energy(
+    470,
+    [0, 0.030, 0.163, 0.458, 0.780, 0.967, 1.000, 0.973, 0.898, 0.792, 0.684, 0.574, 0.461, 0.359, 0.270, 0.197, 0.135,
+     0.081, 0.045, 0.025, 0.017, 0.013, 0.009, 0],
+    3.631e-9,
 )  # fmt: skip
-# Passband: the same table. Zero point: Vega (CALSPEC) has V-I 0.00 with 458, and the Sun (ASTM G173's spectrum above the
-# air) has 0.702 (Ramirez et al. 2012, ApJ 752, 5) with 465; the value is between these. Bessell, Castelli & Plez 1998
-# have 452.3.
-BESSELL_I = Band(
-    np.arange(700, 921, 10.0),
-    np.array(
-        [0, 0.024, 0.232, 0.555, 0.785, 0.910, 0.965, 0.985, 0.990, 0.995, 1.000, 1.000, 0.990, 0.980, 0.950, 0.910, 0.860,
-         0.750, 0.560, 0.330, 0.150, 0.030, 0]
-    ),
-    461.5 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
+# Zero point of I: Vega (CALSPEC) has V-I 0.00 with 1.138e-9, and the Sun (ASTM G173's spectrum above the air) has 0.702
+# (Ramirez et al. 2012, ApJ 752, 5) with 1.165e-9; the value is between these. Bessell, Castelli & Plez 1998 have 1.126e-9.
+BESSELL_I = _band_of_energy(
+    700,
+    [0, 0.024, 0.232, 0.555, 0.785, 0.910, 0.965, 0.985, 0.990, 0.995, 1.000, 1.000, 0.990, 0.980, 0.950, 0.910, 0.860,
+     0.750, 0.560, 0.330, 0.150, 0.030, 0],
+    1.151e-9,
 )  # fmt: skip
 
 

@@ -10,15 +10,15 @@ Floats = NDArray[np.float64]
 # Synthetic colours (Johnson B-V, Cousins V-I) of the templates of Pickles 1998, PASP 110, 863, by
 # generator.light.photometry. Where the library's templates of K giants scatter (K3 to K5), their mean is used.
 # Supergiants and bright giants (M3 II, M2 I) continue the giants beyond B-V 1.5.
-_DWARFS_BV = [-0.37, -0.33, -0.23, -0.19, -0.13, -0.04, 0.02, 0.10, 0.16, 0.21, 0.31, 0.46, 0.54, 0.57, 0.68, 0.75, 0.92,
-              1.08, 1.20, 1.34, 1.43, 1.50, 1.57, 1.64, 1.79]  # fmt: skip
-_DWARFS_VI = [-0.35, -0.30, -0.22, -0.14, -0.06, -0.01, 0.03, 0.12, 0.18, 0.27, 0.40, 0.52, 0.64, 0.70, 0.77, 0.84, 1.00,
-              1.26, 1.39, 1.68, 2.08, 2.52, 2.87, 3.26, 3.85]  # fmt: skip
-_GIANTS_BV = [-0.32, -0.25, -0.18, -0.14, -0.07, 0.04, 0.14, 0.18, 0.22, 0.27, 0.42, 0.66, 0.88, 0.95, 1.03, 1.10, 1.20,
-              1.41, 1.63, 1.71]  # fmt: skip
-_GIANTS_VI = [-0.35, -0.23, -0.15, -0.08, -0.04, 0.03, 0.10, 0.19, 0.27, 0.35, 0.48, 0.76, 0.90, 1.01, 1.08, 1.17, 1.21,
-              1.48, 2.20, 2.32]  # fmt: skip
-M_GIANTS_VI: Floats = np.array([1.70, 1.81, 1.93, 2.16, 2.50, 2.91, 3.40, 4.04, 4.39])
+_DWARFS_BV = [-0.38, -0.34, -0.24, -0.20, -0.14, -0.05, 0.01, 0.10, 0.16, 0.21, 0.31, 0.47, 0.55, 0.58, 0.69, 0.76, 0.94,
+              1.10, 1.22, 1.37, 1.46, 1.53, 1.60, 1.67, 1.82]  # fmt: skip
+_DWARFS_VI = [-0.35, -0.30, -0.23, -0.14, -0.06, -0.01, 0.03, 0.12, 0.18, 0.27, 0.40, 0.52, 0.64, 0.70, 0.78, 0.85, 1.01,
+              1.27, 1.40, 1.69, 2.08, 2.52, 2.87, 3.25, 3.83]  # fmt: skip
+_GIANTS_BV = [-0.33, -0.26, -0.19, -0.15, -0.08, 0.03, 0.14, 0.18, 0.22, 0.27, 0.43, 0.67, 0.90, 0.97, 1.05, 1.12, 1.22,
+              1.43, 1.66, 1.74]  # fmt: skip
+_GIANTS_VI = [-0.35, -0.24, -0.15, -0.08, -0.04, 0.03, 0.10, 0.19, 0.27, 0.35, 0.48, 0.77, 0.91, 1.02, 1.09, 1.18, 1.22,
+              1.49, 2.20, 2.32]  # fmt: skip
+M_GIANTS_VI: Floats = np.array([1.71, 1.82, 1.94, 2.17, 2.50, 2.90, 3.38, 4.02, 4.36])
 """V-I of giants M0 to M8, from the same templates; their B-V hardly changes."""
 GIANT_REDUCED_MOTION_MAG = 8.0
 """Reduced proper motion, V + 5 + 5 log10(proper motion in arcsec/yr): red stars above this are dwarfs. A tangential speed of

@@ -73,6 +73,12 @@ class Instant:
         hour, minute, second, micro = (int(clock[key]) for key in ("h", "m", "s", "f"))
         return f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{hour:02d}:{minute:02d}:{second:02d}.{micro:06d}Z"
 
+    def plain_jd(self) -> tuple[float, float]:
+        """Julian date, UTC, in two parts of days of 86,400 s, which a day with a leap second exceeds."""
+        tai1, tai2 = erfa.utctai(self.utc1, self.utc2)
+        tai_utc_s = erfa.dat(*erfa.jd2cal(self.utc1, self.utc2))
+        return float(tai1), float(tai2 - tai_utc_s / SECONDS_PER_DAY)
+
     @property
     def mjd(self) -> float:
         """Modified Julian date, UTC, to about 1e-9 day."""

@@ -9,9 +9,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.light.atmosphere import Atmosphere, airmass, optical_depth
+from generator.light.atmosphere import Atmosphere
 from generator.light.ground import Albedo, albedo_at, ground_light
 from generator.light.lamps import City
+from generator.light.molecular_bands import beam_depth
 from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
 from generator.places.catalogue import load_catalogue
 from generator.places.ephemeris import AU_KM
@@ -151,9 +152,10 @@ def _under_cloud(
     moon_sine = max(0.0, float(state.moon_enu[2])) if "moonlight" in layers else 0.0
     moon = np.zeros_like(GRID_NM)
     if moon_sine > 0:
-        loss = 0.0 if atmosphere is None else optical_depth(GRID_NM, atmosphere) * airmass(state.moon_altitude_deg)
         moon = state.moon_spectrum
-        moon_on_ground = moon * np.exp(-loss) * moon_sine
+        moon_on_ground = moon * moon_sine
+        if atmosphere is not None:
+            moon_on_ground = moon_on_ground * np.exp(-beam_depth(atmosphere, state.moon_altitude_deg))
     else:
         moon_on_ground = moon
     above = [layer for name, layer in layers.items() if name != "skyglow"]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.light.atmosphere import Atmosphere, airmass, optical_depth
+from generator.light.atmosphere import Atmosphere, airmass, optical_depth, scattering_depth
 from generator.light.photometry import GRID_NM
 from generator.places.horizon import Horizon
 from generator.sky.airglow import van_rhijn
@@ -33,7 +33,8 @@ def dip_factors(name: str, horizon: Horizon, atmosphere: Atmosphere | None) -> F
     level = float(airmass(0.0))
     path = (airmass(-horizon.dipping_deg) + horizon.further_airmass)[:, None]
     if name in FROM_ABOVE_THE_AIR:
-        return factors * np.exp(-DIFFUSE_EXTINCTION_FACTOR * (path - level) * depth)
+        scattering = scattering_depth(GRID_NM, atmosphere)
+        return factors * np.exp(-DIFFUSE_EXTINCTION_FACTOR * (path - level) * scattering)
     whole = -np.expm1(-path * depth)
     return factors * whole / np.maximum(-np.expm1(-level * depth), 1e-12)
 

@@ -17,7 +17,7 @@ from generator.light.baked_maps import city_kernel, city_multiple
 from generator.light.disk_scattering import disk_nodes, disk_single
 from generator.light.emission import PATTERNS, output_over_ground, pattern_weights
 from generator.light.ground import Albedo, albedo_at, with_ground
-from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
+from generator.light.lamps import City, luminous, mixed_lamps
 from generator.light.photometry import GRID_NM
 from generator.light.single_scattering import city_single, disk_points
 from generator.light.view_directions import view_directions
@@ -111,7 +111,8 @@ def _transfer(
 def upward_spectrum(city: City, albedo: Albedo = DEFAULT_ALBEDO) -> Floats:
     """Upward photon output of a city, s^-1 nm^-1 at GRID_NM."""
     ground = output_over_ground(city.horizon_share, albedo_at(albedo, GRID_NM))
-    return city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps) * ground
+    lamps = mixed_lamps(city.lamps)
+    return city.upward_mlm * 1e6 / luminous(lamps) * lamps * ground
 
 
 def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR, albedo: Albedo = DEFAULT_ALBEDO) -> SkyTable:

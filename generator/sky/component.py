@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from generator.light.atmosphere import Atmosphere, airmass, optical_depth
-from generator.light.molecular_bands import band_depth
+from generator.light.atmosphere import Atmosphere, airmass, scattering_depth
+from generator.light.molecular_bands import slant_depth
 from generator.light.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
 from generator.sky.directions import interpolate, sky_grid, unit_vectors
 
@@ -357,7 +357,7 @@ def low_rank(table: Floats, rank: int) -> tuple[Floats, Floats]:
 
 @functools.lru_cache(maxsize=32)
 def extinction_factors(atmosphere: Atmosphere | None, factor: float) -> tuple[Floats, Floats]:
-    """Return the transmission exp(-factor x depth x airmass) as a sum of products, a(altitude) x b(wavelength).
+    """Return exp(-factor x scattering depth x airmass - absorption) as a sum of products, a(altitude) x b(wavelength).
 
     Returns
     -------
@@ -369,9 +369,9 @@ def extinction_factors(atmosphere: Atmosphere | None, factor: float) -> tuple[Fl
     if atmosphere is None:
         return np.ones((1, len(sky_grid().altitude_deg))), np.ones((1, len(GRID_NM)))
     path = airmass(sky_grid().altitude_deg)
-    # Absorption in bands is not compensated by light that is scattered in.
-    bands = band_depth(GRID_NM, atmosphere, path)
-    transmission = np.exp(-factor * path[:, None] * optical_depth(GRID_NM, atmosphere) - bands)
+    # Absorption by ozone and in bands is not compensated by light that is scattered in.
+    absorbed = slant_depth(GRID_NM, atmosphere, path) - path[:, None] * scattering_depth(GRID_NM, atmosphere)
+    transmission = np.exp(-factor * path[:, None] * scattering_depth(GRID_NM, atmosphere) - absorbed)
     return low_rank(transmission, EXTINCTION_RANK)
 
 

@@ -15,6 +15,7 @@ from generator.light.atmosphere import (
 from generator.light.bake_grids import DEFAULT_ALBEDO, VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
 from generator.light.baked_maps import moon_multiple
 from generator.light.ground import Albedo, albedo_at, ground_glow, ground_light, spherical_albedo
+from generator.light.molecular_bands import ozone_airmass
 from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
 from generator.light.single_scattering import aerosol_phase, moon_single, moon_single_by_layer, rayleigh_phase
 from generator.sky.component import SkyTable, black_sky, total
@@ -92,7 +93,7 @@ def moonlight(
     # Between nodes the light is interpolated over the scattering optical depth, which removes most of the curvature.
     depth = rayleigh + aerosol
     irradiance = moon_spectrum(v_mag, phase_angle_deg)
-    irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * moon)
+    irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * ozone_airmass(altitude))
     node_depth = np.maximum(np.interp(NODES_NM, GRID_NM, depth), 1e-12)
     spectra = node_weights() * (depth / node_depth[:, None]) * irradiance
     return SkyTable(np.concatenate(parts), np.tile(spectra, (len(parts), 1)), np.stack(phases), across=across)

@@ -13,12 +13,17 @@ from generator.errors import GeneratorError
 from generator.frame.plan import plan_frame
 from generator.frame.record import clouds_object
 from generator.frame.scene import frame_layers
+from generator.light.atmosphere import Atmosphere, scattering_depth
 from generator.light.cloud_kinds import CLOUD_KINDS, WAVELENGTH_UM, point_share
+from generator.light.molecular_bands import beam_depth
+from generator.light.photometry import GRID_NM
 from generator.places.times import Instant
 from generator.scenario.sky.cloud_spec import CloudSpec
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
+from generator.sky.cloud_light import cloud_light, light_from_city, parted
 from generator.sky.clouds import CloudField, CloudVeil, Texture, cloud_pattern
+from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR
 from generator.sky.directions import unit_vectors
 from generator.sky.state import ThroughClouds, UnderClouds, drifted_clouds, mean_depth
 
@@ -50,6 +55,42 @@ def test_overcast_brightens_settled_land_and_darkens_the_wild() -> None:
     assert 1.5 < gain < 4.5
     wild = {"components": ["airglow", "zodiacal", "milky_way", "starlight"]}
     assert 0.2 < light_overhead(wild | {"clouds": OVERCAST}) / light_overhead(wild) < 0.6
+
+
+def test_air_below_and_above_a_layer_is_all_air() -> None:
+    """Pressure falls as exp(-h / 8 km), aerosol as exp(-h / 1.5 km); ozone, at 20 to 25 km, is above."""
+    air = Atmosphere(1000.0, 0.2, 1.3, 300.0, 2.0)
+    below, above = parted(air, 1.5)
+    assert below.pressure_hpa == pytest.approx(1000 * (1 - np.exp(-1.5 / 8)), rel=0.01)
+    assert below.aerosol_tau_550 == pytest.approx(0.2 * (1 - np.exp(-1)), rel=0.01)
+    assert (below.ozone_du, above.ozone_du) == (0.0, 300.0)
+    for name in ("pressure_hpa", "aerosol_tau_550", "water_cm"):
+        assert getattr(below, name) + getattr(above, name) == pytest.approx(getattr(air, name))
+    assert parted(air, 0.0)[0].aerosol_tau_550 == 0
+
+
+def test_distant_lamps_light_a_layer_through_more_air() -> None:
+    """Rays from 30 km away to a layer 2 km up pass 15 airmasses: exp(-15 tau), within a tenth for the size of the disk."""
+    low, _ = parted(Atmosphere(1013.25, 0.1, 1.3, 300.0), 2.0)
+    (clear,), _ = light_from_city(30.0, 0.0, 1.0, 0.1, 2.0)
+    maps, weights = light_from_city(30.0, 0.0, 1.0, 0.1, 2.0, 0.0, low)
+    passed = np.einsum("krc,kn->nrc", maps, weights)[:, -1, 0] / clear[-1, 0]
+    depth = DIFFUSE_EXTINCTION_FACTOR * scattering_depth(GRID_NM, low)
+    np.testing.assert_allclose(np.log(passed), -np.hypot(30, 2) / 2 * depth, rtol=0.1)
+
+
+def test_no_cloud_outshines_the_beam_of_a_low_moon() -> None:
+    """What a layer scatters down is less than what the beam of a Moon at 4 deg brings through the air above it."""
+    moon = np.array([np.cos(np.radians(4.0)), 0.0, np.sin(np.radians(4.0))])
+    air = Atmosphere(1013.25, 0.1, 1.3, 300.0)
+    field = plan_frame(small_scenario(sky={"clouds": OVERCAST | {"optical_depth": 2.0}}), 0).sky.clouds
+    light = cloud_light(field, (), np.zeros(len(GRID_NM)), np.ones(len(GRID_NM)), moon, air)
+    altitude, azimuth = (each.ravel() for each in np.meshgrid(np.arange(2.0, 90, 4), np.arange(0, 360, 10.0)))
+    rows = np.sin(np.radians(altitude)) * np.cos(np.radians(altitude))
+    radiance = light.radiance(altitude, azimuth)[:, [20, 40, 80]].T
+    flux = 2 * np.pi * (np.pi / 2) * (radiance * rows).mean(axis=1)
+    beam = np.exp(-beam_depth(parted(air, field.altitude_km)[1], 4.0))[[20, 40, 80]] * moon[2]
+    assert (flux < beam).all()
 
 
 @pytest.mark.journey

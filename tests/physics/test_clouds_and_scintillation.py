@@ -245,13 +245,13 @@ def test_a_city_lights_cloud_as_a_lambert_disk_does(altitude_km) -> None:
     place = away[:, None] * [np.sin(0.7), np.cos(0.7)]
     square = radius**2 + away**2 + altitude_km**2
     factor = 0.5 * (1 + (square - 2 * away**2 - 2 * altitude_km**2) / np.sqrt(square**2 - 4 * radius**2 * away**2))
-    light = disk_irradiance(place, altitude_km, radius)[0]
+    light = disk_irradiance(place, altitude_km, radius)[0, 0]
     np.testing.assert_allclose(light * np.pi * radius**2, factor, rtol=2e-3)
 
 
 def test_low_cloud_over_a_city_is_lit_evenly() -> None:
     """A kilometre above the middle of a disk of 10 km, light falls off smoothly to its rim."""
-    light = light_from_city(0.0, 0.0, 10.0, 0.5, 1.0)
+    light = light_from_city(0.0, 0.0, 10.0, 0.5, 1.0)[0][0]
     altitude = sky_grid().altitude_deg[coarse_axes()[0]]
     high = light[(altitude > 15)]
     assert (np.ptp(high, axis=1) < 1e-3 * high.mean(axis=1)).all()
@@ -285,5 +285,5 @@ def test_a_camera_at_the_height_of_a_layer_or_above_sees_a_clear_sky() -> None:
 
 def test_light_of_a_city_on_a_layer_does_not_depend_on_who_looks() -> None:
     """The zenith of a camera over the middle of a city, on the ground and 1.5 km up, is the same place on a layer at 2 km."""
-    ground, air = (light_from_city(0.0, 0.0, 10.0, 0.5, 2.0 - up, up) for up in (0.0, 1.5))
+    ground, air = (light_from_city(0.0, 0.0, 10.0, 0.5, 2.0 - up, up)[0][0] for up in (0.0, 1.5))
     np.testing.assert_allclose(air[-1], ground[-1], rtol=1e-6)

@@ -22,6 +22,9 @@ from generator.light.atmosphere import (
 from generator.light.molecular_bands import band_depth, ozone_airmass, precipitable_water_cm, slant_depth
 from generator.light.photometry import GRID_NM
 from generator.light.stellar_spectra import star_spectra
+from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, extinction_factors
+from generator.sky.directions import sky_grid
+from generator.sky.moonlight import moonlight
 
 # Patat et al. 2011, A&A 527, A91, table: Paranal, 2640 m, mag/airmass at A.
 PATAT_2011 = {
@@ -123,11 +126,14 @@ def test_precipitable_water(temperature_c, humidity) -> None:
     assert precipitable_water_cm(temperature_c, humidity) == pytest.approx(gueymard_cm, rel=0.3)
 
 
+def through_ozone(altitude_deg) -> np.ndarray:
+    """Path through a thin layer at 22 km over a sphere of 6370 km, by geometry, relative to the vertical one."""
+    return 1 / np.sqrt(1 - (np.cos(np.radians(altitude_deg)) / (1 + 22 / 6370)) ** 2)
+
+
 @pytest.mark.parametrize("altitude_deg", [90, 30, 10, 3, 0])
 def test_ozone_airmass(altitude_deg) -> None:
-    """A layer at 22 km over a sphere of 6370 km: 1 / sqrt(1 - (cos h / (1 + 22/6370))^2), within 1 %."""
-    exact = 1 / np.sqrt(1 - (np.cos(np.radians(altitude_deg)) / (1 + 22 / 6370)) ** 2)
-    assert float(ozone_airmass(altitude_deg)) == pytest.approx(exact, rel=0.01)
+    assert float(ozone_airmass(altitude_deg)) == pytest.approx(through_ozone(altitude_deg), rel=0.01)
 
 
 def test_slant_depth_is_the_sum_of_its_parts() -> None:
@@ -141,3 +147,33 @@ def test_slant_depth_is_the_sum_of_its_parts() -> None:
     scattered = rayleigh_optical_depth(GRID_NM, 800.0) + aerosol_optical_depth(GRID_NM, 0.2, 1.3)
     away = (GRID_NM < 660) | (GRID_NM > 790)
     np.testing.assert_allclose(slant_depth(GRID_NM, dry, path)[1, away], (path[1] * scattered)[away], rtol=1e-6)
+
+
+def test_ozone_takes_all_that_it_absorbs_of_diffuse_light() -> None:
+    """No scattered light replaces it, as it does for air and aerosol, and its path is that of its own layer."""
+    air = Atmosphere(1013.25, 0.1, 1.3, 300.0)
+    with_it, without = (
+        np.einsum("ka,kn->an", *extinction_factors(each, DIFFUSE_EXTINCTION_FACTOR))
+        for each in (air, dataclasses.replace(air, ozone_du=0.0))
+    )
+    altitude = sky_grid().altitude_deg
+    chappuis = np.flatnonzero((GRID_NM >= 550) & (GRID_NM <= 650))
+    depth = ozone_optical_depth(GRID_NM[chappuis], 300.0)
+    for degrees in (90, 30, 10):
+        row = int(np.abs(altitude - degrees).argmin())
+        lost = -np.log(with_it[row, chappuis] / without[row, chappuis])
+        np.testing.assert_allclose(lost, depth * through_ozone(altitude[row]), rtol=0.02)
+
+
+@pytest.mark.parametrize("altitude_deg", [60.0, 10.0, 2.0])
+def test_moonlight_passes_ozone_along_its_own_path(altitude_deg) -> None:
+    """Near the horizon that is half the airmass of the air: the layer lies high."""
+    moon = np.array([0.0, np.cos(np.radians(altitude_deg)), np.sin(np.radians(altitude_deg))])
+    air = Atmosphere(1013.25, 0.1, 1.3, 300.0)
+    with_it, without = (
+        moonlight(moon, -12.7, each).radiance(np.array([60.0]), np.array([90.0]))[0]
+        for each in (air, dataclasses.replace(air, ozone_du=0.0))
+    )
+    at = np.flatnonzero((GRID_NM >= 550) & (GRID_NM <= 650))
+    wanted = ozone_optical_depth(GRID_NM[at], 300.0) * through_ozone(altitude_deg)
+    np.testing.assert_allclose(-np.log(with_it[at] / without[at]), wanted, rtol=0.02)

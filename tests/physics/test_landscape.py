@@ -261,7 +261,7 @@ def test_a_glowing_window_has_its_luminance(tmp_path) -> None:
     """10 cd/m^2 through a V-band camera: a lamp's photons by lumen, against the electrons per solid angle (1 %)."""
     from small_scenes import V_BAND_QE
 
-    from generator.light.lamps import LUMEN_PER_V_PHOTON, lamp_spectra
+    from generator.light.lamps import lamp_spectra, luminous
     from generator.light.photometry import BESSELL_V
 
     rgba = np.full((90, 180, 4), 255, np.uint8)
@@ -274,7 +274,7 @@ def test_a_glowing_window_has_its_luminance(tmp_path) -> None:
     )  # fmt: skip
     width = np.trapezoid(BESSELL_V.response, BESSELL_V.wavelength_nm)
     assert BESSELL_V.mean(GRID_NM, lamp_spectra()["LED"]) == pytest.approx(1)
-    photons = 10 / LUMEN_PER_V_PHOTON * width
+    photons = 10 / luminous(lamp_spectra()["LED"]) * width
     transmission = plan_frame(scenario_in(tmp_path, None), 0).spec.camera.transmission
     expected = photons * np.pi / 4 * 0.005**2 * 0.5 / 300.0**2 * transmission
     assert frame.electrons[8, 8] == pytest.approx(expected, rel=0.01)

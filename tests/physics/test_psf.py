@@ -56,6 +56,23 @@ def test_pixel_images_against_galsim(case, offset) -> None:
     assert np.abs(ours - theirs).max() < 0.01 * theirs.max()
 
 
+@pytest.mark.parametrize(("fwhm_px", "beta", "support_px"), [(3.0, 1.5, 10), (2.0, 2.0, 8)])
+def test_wide_wings_of_moffat_are_those_of_its_formula(fwhm_px, beta, support_px) -> None:
+    """Light within r: 1 - (1 + r^2 / a^2)^(1 - beta), a = fwhm / (2 sqrt(2^(1 / beta) - 1)) (Moffat 1969)."""
+    stamp = sampled(
+        pixel_psf(
+            PsfSpec(moffat=MoffatSpec(fwhm_px=fwhm_px, beta=beta), support_px=support_px), 550.0, 0j, PITCH_UM
+        ), 0.0, 0.0,
+    )  # fmt: skip
+    a = fwhm_px / (2 * np.sqrt(2 ** (1 / beta) - 1))
+    side = support_px + 0.5
+    # The light of the square: for each angle from the middle of an edge, that within the circle through the edge.
+    angle = np.linspace(0, np.pi / 4, 4001)
+    within = 1 - (1 + (side / np.cos(angle) / a) ** 2) ** (1 - beta)
+    square = float(np.trapezoid(within, angle) / (np.pi / 4))
+    assert stamp[: 2 * support_px + 1, : 2 * support_px + 1].sum() == pytest.approx(square, abs=1e-3)
+
+
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_encircled_energy_and_moments_against_galsim(case) -> None:
     """Light in squares of growing size, and the second moment inside 13 x 13 px, within 1 %."""

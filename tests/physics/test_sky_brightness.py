@@ -34,7 +34,7 @@ def zenith_mag_of_frame(sky, **overrides) -> float:
     area_cm2 = math.pi / 4 * 0.4**2
     pixel_arcsec2 = ARCSEC2_PER_SR / plan.spec.camera.f_px**2
     width_angstrom = np.trapezoid([point[1] for point in V_BAND_QE], [10 * point[0] for point in V_BAND_QE])
-    return -2.5 * math.log10(electrons / 0.5 / area_cm2 / width_angstrom / pixel_arcsec2 / 995.9)
+    return -2.5 * math.log10(electrons / 0.5 / area_cm2 / width_angstrom / pixel_arcsec2 / 1003.3)
 
 
 @pytest.mark.parametrize(

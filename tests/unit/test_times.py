@@ -16,6 +16,16 @@ def test_round_trip_and_arithmetic_over_a_leap_second() -> None:
     assert Instant.parse("2020-02-29T12:34:56.789Z").isoformat() == "2020-02-29T12:34:56.789000Z"
 
 
+def test_days_of_86400_s_run_on_through_a_day_with_a_leap_second() -> None:
+    """Noon to noon across 2016-12-31T23:59:60 are 86,401 s, and a plain Julian date counts each as it does others."""
+    noon = Instant.parse("2016-12-31T12:00:00Z")
+    assert sum(noon.plain_jd()) == pytest.approx(2457754.0, abs=1e-9)
+    for second in (0.0, 1.0, 21_600.0, 43_199.0):
+        first, rest = noon.plus(second).plain_jd()
+        assert (first - 2457754.0 + rest) * 86400 == pytest.approx(second, abs=2e-4)
+    assert sum(Instant.parse("2017-01-01T12:00:00Z").plain_jd()) == pytest.approx(2457755.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "text",
     ["2020-01-01T00:00:00", "2020-01-01T00:00:00+01:00", "2020-13-01T00:00:00Z", "2021-02-29T00:00:00Z",

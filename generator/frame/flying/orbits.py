@@ -88,7 +88,8 @@ def tle_object(satellite: TleSpec, number: int, of_all: int, watch: Watch) -> Fl
     def directions(time_s: Floats) -> Floats:
         """Return directions (1, k, 3) at times (1, k)."""
         day = time_s[0] / SECONDS_PER_DAY
-        codes, position_km, _ = orbit.sgp4_array(np.full(len(day), watch.start.utc1), watch.start.utc2 + day)
+        start1, start2 = watch.start.plain_jd()
+        codes, position_km, _ = orbit.sgp4_array(np.full(len(day), start1), start2 + day)
         if codes.any() or not np.isfinite(position_km).all():
             raise ScenarioError(f"foreground.satellites.{number}: SGP4 cannot propagate the elements to this time")
         return _refracted(_from_site(position_km, day, watch), watch)[None]
@@ -186,7 +187,8 @@ def spans_s(seen: Bools, time_s: Floats, seen_at: Callable[[NDArray[np.intp], Fl
 def _from_site(position_km: Floats, day: Floats, watch: Watch) -> Floats:
     """Convert places (..., k, 3) in the true-equator frame at k times, days from the start, to east, north, up, km."""
     site = watch.site
-    sidereal = erfa.gmst82(watch.start.utc1, watch.start.utc2 + day + watch.orientation.ut1_utc_s / SECONDS_PER_DAY)
+    start1, start2 = watch.start.plain_jd()
+    sidereal = erfa.gmst82(start1, start2 + day + watch.orientation.ut1_utc_s / SECONDS_PER_DAY)
     east, north = np.cos(sidereal), np.sin(sidereal)
     x, y, z = np.moveaxis(position_km, -1, 0)
     fixed = np.stack([east * x + north * y, -north * x + east * y, z], axis=-1)

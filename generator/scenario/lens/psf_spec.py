@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Annotated
 
 import numpy as np
@@ -21,6 +22,11 @@ class MoffatSpec(Strict):
     """Full width at half maximum, px."""
     beta: Annotated[float, Field(gt=1.1, le=20)]
     """Exponent; small values give wide wings."""
+
+    @property
+    def core_radius_px(self) -> float:
+        """The profile's a."""
+        return self.fwhm_px / (2 * math.sqrt(2 ** (1 / self.beta) - 1))
 
 
 class ZernikeSpec(Strict):

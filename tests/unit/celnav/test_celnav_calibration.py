@@ -198,6 +198,29 @@ def test_pixels_that_a_guess_says_are_oblong_are_kept_so():
     assert found.camera.fy_px == pytest.approx(990, abs=5 * found.sigmas["fy_px"])
 
 
+def test_a_law_that_no_star_follows_is_refused(tilted):
+    with pytest.raises(
+        CalibrationError, match=r"of the model orthographic .* follows the stars: .*; brown_conrady does"
+    ):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, models=("orthographic",))
+
+
+def test_the_same_frame_twice_is_refused(tilted):
+    with pytest.raises(CalibrationError, match="same time and detections"):
+        calibrate([tilted[0], dataclasses.replace(tilted[0], name="copy")], LAT_DEG, LON_DEG)
+
+
+@pytest.mark.parametrize("read", [celnav.Camera.from_json, celnav.Attitude.from_json])
+def test_nested_json_is_refused_and_a_byte_order_mark_is_not(tmp_path, read):
+    nested = tmp_path / "nested.json"
+    nested.write_text("[" * 100_000)
+    with pytest.raises(ValueError, match="is not JSON"):
+        read(nested)
+    nested.write_text("\ufeff{}", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"R_cam|model"):
+        read(nested)
+
+
 def test_options_are_checked(tilted):
     with pytest.raises(CalibrationError, match="no frames"):
         calibrate([], LAT_DEG, LON_DEG)
