@@ -28,11 +28,10 @@ Floats = NDArray[np.float64]
 
 WATER_HEIGHT_KM = 2.0
 """Scale height of water vapour; usually 1.5 to 2.5 km."""
-
-
 DIFFUSIVITY = 1.66
 """Airmass whose transmission is that of a thin layer for diffuse light. Source: Elsasser 1942, Harvard Met. Studies 6."""
 DEPTH_NODES = 5
+"""Optical depths for which light of a city is computed; between them it is interpolated."""
 
 
 @functools.lru_cache(maxsize=64)

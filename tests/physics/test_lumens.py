@@ -9,7 +9,7 @@ from scipy import constants
 
 from generator.ground.lamp import KINDS, RED_NM, RED_WIDTH_NM, Lamp, apparent_v_mag
 from generator.light.emission import REFLECTED_SHARE
-from generator.light.lamps import City
+from generator.light.lamps import City, luminous
 from generator.light.photometry import BESSELL_B, BESSELL_I, BESSELL_V, GRID_NM
 from generator.light.stellar_spectra import star_spectra
 from generator.sky.city_light import upward_spectrum
@@ -53,6 +53,11 @@ def test_effective_wavelengths_of_a_white_star(band, nm) -> None:
     at = np.arange(band.wavelength_nm[0], band.wavelength_nm[-1], 0.1)
     photons = np.interp(at, band.wavelength_nm, band.response) * np.interp(at, GRID_NM, star_spectra([0.0], [0.0])[0])
     assert float((at * photons).sum() / photons.sum()) == pytest.approx(nm, abs=0.5)
+
+
+def test_a_star_of_v_zero_is_as_bright_as_published() -> None:
+    """2.54e-6 lx (Crumey 2014, MNRAS 442, 2600), for a white star."""
+    assert float(luminous(star_spectra([0.0], [0.0]))[0]) == pytest.approx(2.54e-6, rel=0.02)
 
 
 @pytest.mark.parametrize("kind", KINDS)
