@@ -24,8 +24,9 @@ from benchmark.report.site.tree import read_tree
 from benchmark.rounds.private_frames import LATER
 
 ROOT = Path(__file__).parents[1]
-LATEST = "open-sky-2026-11p"
+LATEST = "open-sky-2026-12"
 EARLIER = (
+    "open-sky-2026-11p",
     "open-sky-2026-11o",
     "open-sky-2026-11m",
     "open-sky-2026-11l",
