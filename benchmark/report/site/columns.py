@@ -46,9 +46,10 @@ class Column:
         return self.form(self.estimate(entry).value)
 
     def interval(self, entry: Measured) -> str:
-        """Format its interval; empty where it has none."""
+        """Format its interval; empty where it has none, and where it excludes nothing."""
         found = self.estimate(entry)
-        return "" if math.isnan(found.low) or found.low == math.inf else interval(found, self.form)
+        unbounded = found.low <= 0.0 and found.high == math.inf
+        return "" if math.isnan(found.low) or found.low == math.inf or unbounded else interval(found, self.form)
 
     def sort_key(self, entry: Measured) -> str:
         """Return the number as a script reads it; empty where undefined."""

@@ -7,6 +7,7 @@ import pytest
 from unit.benchmark.fake_results import TASKS, write_results
 
 from benchmark.report.site.boards import make_board
+from benchmark.report.site.columns import MEDIAN
 from benchmark.report.site.tree import read_tree
 from benchmark.report.site.words import detectable_words, processor_words, site_verdict
 from benchmark.stats.comparison import lead_p
@@ -86,3 +87,15 @@ def _with_lead(board, p):
         for one in board.comparisons
     ]
     return dataclasses.replace(board, comparisons=tuple(changed))
+
+
+def test_an_interval_that_excludes_nothing_is_left_out(boards):
+    entry = boards[0].entries[0]
+
+    def shown(low, high):
+        metrics = {**entry.metrics, "median_error_km": Estimate(2.0, low, high, 9)}
+        return MEDIAN.interval(dataclasses.replace(entry, metrics=metrics))
+
+    assert shown(0.0, math.inf) == shown(math.nan, math.nan) == shown(math.inf, math.inf) == ""
+    assert shown(0.0, 3.0)
+    assert shown(1.0, math.inf)
