@@ -189,11 +189,15 @@ def natural_zenith() -> Floats:
     return total(parts).radiance(np.array([90.0]), np.array([0.0]))[0]
 
 
+MEAN_FULL_MOON_DEG = 3.3
+"""Phase angle of a full Moon in the mean: an orbit inclined by 5.15 deg is 2 / pi of that from the ecliptic."""
+
+
 def full_moon_lux() -> float:
-    """Illuminance of the ground by a full Moon 60 deg up, direct and scattered, lx."""
-    air, magnitude = Atmosphere(1013.25, 0.1, 1.3, 300.0), float(moon_v_mag(0.0))
+    """Illuminance of the ground by a mean full Moon 60 deg up, direct and scattered, lx."""
+    air, magnitude = Atmosphere(1013.25, 0.1, 1.3, 300.0), float(moon_v_mag(MEAN_FULL_MOON_DEG))
     moon = np.array([0.0, 0.5, np.sqrt(0.75)])
-    direct = moon_spectrum(magnitude, 0.0) * np.exp(-beam_depth(air, 60.0))
+    direct = moon_spectrum(magnitude, MEAN_FULL_MOON_DEG) * np.exp(-beam_depth(air, 60.0))
     altitude = np.radians(sky_grid().altitude_deg)
     sky = moonlight(moon, magnitude, air)
     rows = np.asarray(sky.azimuth_mean).T @ sky.spectra
@@ -213,7 +217,7 @@ def _single_numbers(axis: Any) -> None:
         ("natural zenith, B-V\n1.03 ± 0.2 (Patat 2003)", blue - visual, 1.03, 0.2),
         ("airglow alone, V\n22.01 ± 0.1 (Noll 2012)", _magnitude(glow, BESSELL_V), 22.01, 0.1),
         ("airglow alone, B\n23.06 ± 0.1 (Noll 2012)", _magnitude(glow, BESSELL_B), 23.06, 0.1),
-        ("full Moon on the ground, lx\n0.25 ± 15 % (Kyba 2017)", full_moon_lux(), 0.25, 0.0375),
+        ("full Moon on the ground, lx\n0.25 ± 10 % (Kyba 2017)", full_moon_lux(), 0.25, 0.025),
     ]
     axis.axvspan(-1, 1, alpha=0.15, color="grey")
     axis.axvline(0, color="k", lw=1)
