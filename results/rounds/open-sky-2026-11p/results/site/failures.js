@@ -19,7 +19,6 @@
     const shown = document.getElementById("shown");
     const status = form.querySelector("output");
     const overlays = new Map(data.overlays.map(([solver, frame, path]) => [`${solver} ${frame}`, path]));
-    const rendered = (frame) => frame.split("-").slice(0, 2).join("-");
     const happened = (row) => row[2] === WRONG ? `fix off by ${row[3].toLocaleString("en")} km`
       : `${data.kinds[row[2]]}: ${data.reasons[row[3]]}`;
     const named = (row) => row[5] ? `${row[4]} of ${row[5]} stars named right` : "no star named";
@@ -27,7 +26,7 @@
 
     const choose = (row) => {
       const frame = data.frames[row[1]];
-      const picture = data.pictures[rendered(frame)];
+      const picture = data.pictures[frame];
       const overlay = overlays.get(`${row[0]} ${frame}`);
       const [image, over] = shown.querySelectorAll("img");
       shown.querySelector(".picture").hidden = picture === undefined;
@@ -58,7 +57,7 @@
       button.type = "button";
       button.className = "choose";
       const frame = data.frames[row[1]];
-      button.textContent = data.pictures[rendered(frame)] === undefined ? frame : `${frame} ▣`;
+      button.textContent = data.pictures[frame] === undefined ? frame : `${frame} ▣`;
       button.addEventListener("click", () => choose(row));
       head.append(button);
       made.append(head, cell(data.solvers[row[0]], "left"));
@@ -85,7 +84,7 @@
         (chosen.solver === "" || row[0] === Number(chosen.solver)) &&
         (chosen.kind === "" || row[2] === Number(chosen.kind)) &&
         (!chosen.condition || data.conditions[row[1]] === Number(chosen.condition)) &&
-        (chosen.picture === "" || data.pictures[rendered(data.frames[row[1]])] !== undefined) &&
+        (chosen.picture === "" || data.pictures[data.frames[row[1]]] !== undefined) &&
         (words === "" || `${data.frames[row[1]]} ${happened(row)}`.toLowerCase().includes(words)));
       start = 0;
       draw();
