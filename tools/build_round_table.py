@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from build_board_tables import with_tables
@@ -51,9 +51,10 @@ COLUMNS = (
 """Headings of the cells that all tables of rounds contain."""
 
 
-def boards_of(results: Path, split: str = ALL) -> Mapping[str, Board]:
+def boards_of(results: Path, split: str = ALL, modes: Collection[str] = ("own", "shared")) -> Mapping[str, Board]:
     """Boards of a round's part by their mode of detections."""
-    return {group[0].detections: make_board(group) for group in read_tree(results) if group[0].split == split}
+    first = {group[0].detections: group for group in read_tree(results) if group[0].split == split}
+    return {mode: make_board(group) for mode, group in first.items() if mode in modes}
 
 
 def table(boards: Mapping[str, Board], later: Mapping[str, Board]) -> str:
@@ -119,9 +120,10 @@ def _with_interval(column: Column, entry: Entry) -> str:
 
 def tables(rounds: Path) -> dict[str, str]:
     """All tables by their names, from the folder that contains the rounds."""
-    boards = {name: boards_of(rounds / name / "results") for name in (LATEST, *EARLIER)}
-    earlier = {name: table_of_earlier(boards[name]) for name in EARLIER}
     latest = rounds / LATEST
+    boards = {LATEST: boards_of(latest / "results")}
+    boards |= {name: boards_of(rounds / name / "results", modes=("own",)) for name in EARLIER}
+    earlier = {name: table_of_earlier(boards[name]) for name in EARLIER}
     later = boards_of(latest / "later", LATER) if (latest / "later").is_dir() else {}
     return {TABLE: table(boards[LATEST], later), ALL_ROUNDS: table_of_all(boards), **earlier}
 
