@@ -163,3 +163,12 @@ def test_terminal_and_documents_lead_with_the_four_numbers(boards):
     assert list(boards_document(boards)[0]["solvers"][0])[2:9] == names
     (table,) = overall_of(boards)
     assert table.title.startswith("Whole system")
+
+
+def test_a_submission_to_another_split_takes_no_solver_s_place(boards):
+    alone = dataclasses.replace(boards[0], split="test", entries=boards[0].entries[:1])
+    (overall,) = overall_of([*boards, alone])
+    (without,) = overall_of(boards)
+    assert overall.n_sets == without.n_sets == len(boards)
+    assert [row.label for row in overall.complete] == [row.label for row in without.complete]
+    assert overall.complete
