@@ -40,9 +40,9 @@ def test_electrons_of_stars_of_known_colours(source, stars) -> None:
 
 
 def test_electrons_of_stars_without_v_minus_i() -> None:
-    """Dwarfs and giants to K3, whose V-I follows from B-V and luminosity: within 3 %; K3 V, bluer than usual, 8 %."""
-    luminosity = PHOTOMETRY["star"].str.extract(r"^[OBAFGK][\d.-]+(V|III)$")[0]
-    table = PHOTOMETRY[luminosity.notna() & (PHOTOMETRY["source"] == "pickles") & (PHOTOMETRY["bv_mag"] < 1.22)]
+    """Dwarfs to giants, up to K3, whose V-I follows from B-V and luminosity: within 3 %; K3 V, bluer than usual, 8 %."""
+    luminosity = PHOTOMETRY["star"].str.extract(r"^[OBAFGK][\d.-]+(V|IV|III)$")[0]
+    table = PHOTOMETRY[luminosity.notna() & (PHOTOMETRY["source"] == "pickles") & (PHOTOMETRY["bv_mag"] < 1.23)]
     dwarf = luminosity[table.index].to_numpy() == "V"
     bv_mag = table["bv_mag"].to_numpy()
     usual = np.where(dwarf, usual_vi(bv_mag, dwarf=True), usual_vi(bv_mag, dwarf=False))

@@ -204,21 +204,22 @@ def site_name(boards: Sequence[Board]) -> str:
 def overall_of(boards: Sequence[Board]) -> tuple[Overall, ...]:
     """The four numbers over all sets of frames, one table per mode of detection.
 
-    Where boards are of several splits, those of the most common one count: one submission to a test split would otherwise
-    leave no solver with answers to all sets.
+    Where boards of a mode are of several splits, those of the most common one count, which the title states: one submission
+    to a test split would otherwise leave no solver with answers to all sets.
     """
     groups: defaultdict[str, list[Board]] = defaultdict(list)
     for board in boards:
         groups[board.detections].append(board)
-    for mode, group in groups.items():
-        split = Counter(board.split for board in group).most_common(1)[0][0]
-        groups[mode] = [board for board in group if board.split == split]
-    return tuple(
-        Overall(
-            mode, _QUESTIONS.get(mode, f"{mode} detections"), len(group), overall_rows(group), _overall_by_group(group)
-        )
-        for mode, group in sorted(groups.items())
-    )
+    return tuple(_overall(mode, group) for mode, group in sorted(groups.items()))
+
+
+def _overall(mode: str, boards: Sequence[Board]) -> Overall:
+    title = _QUESTIONS.get(mode, f"{mode} detections")
+    splits = Counter(board.split for board in boards).most_common()
+    if len(splits) > 1:
+        boards = [board for board in boards if board.split == splits[0][0]]
+        title += f", split {splits[0][0]}"
+    return Overall(mode, title, len(boards), overall_rows(boards), _overall_by_group(boards))
 
 
 def _overall_by_group(boards: Sequence[Board]) -> dict[str, dict[str, OverallRow]]:

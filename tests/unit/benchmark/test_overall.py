@@ -170,5 +170,6 @@ def test_a_submission_to_another_split_takes_no_solver_s_place(boards):
     (overall,) = overall_of([*boards, alone])
     (without,) = overall_of(boards)
     assert overall.n_sets == without.n_sets == len(boards)
+    assert overall.title == f"{without.title}, split {boards[0].split}"
     assert [row.label for row in overall.complete] == [row.label for row in without.complete]
     assert overall.complete
